@@ -14,7 +14,7 @@ use crate::connect::{Options, deadline, join_existing, retry_until};
 use crate::error::ConnectError;
 use crate::kept::{Kept, MOST_KEPT};
 use crate::lag::AcquisitionLag;
-use crate::loan::{InFlight, Loan, LoansNotMerged, Place, SendError, TransportError, transport};
+use crate::loan::{InFlight, Loan, LoanPlace, LoansNotMerged, SendError, TransportError, transport};
 use crate::loss::Loss;
 use crate::peers::{publisher_is_alive, publisher_of};
 use crate::rehearsal;
@@ -25,7 +25,7 @@ use crate::warning::warn;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
-use ports::Ports;
+use ports::AcquisitionPorts;
 use std::hash::{BuildHasher as _, RandomState};
 use std::time::{Duration, Instant};
 
@@ -70,7 +70,7 @@ pub struct Acquisition {
     /// After this silence of a service that lives the streams are joined anew \[ns\].
     rejoin_after_ns: u64,
     /// `None` while it is cut off from the streams. They are dropped before the node.
-    ports: Option<Ports>,
+    ports: Option<AcquisitionPorts>,
     /// `None` if the domain has to be joined anew.
     node: Option<IpcNode>,
 }
@@ -84,7 +84,7 @@ impl Acquisition {
         let deadline = deadline(options.timeout);
         let domain = &options.domain;
         let node = retry_until(deadline, || join_existing(domain))?;
-        let (mut ports, service) = retry_until(deadline, || Ports::attach(&node, domain, imu))?;
+        let (mut ports, service) = retry_until(deadline, || AcquisitionPorts::attach(&node, domain, imu))?;
         // At once, and again with the streams of rehearsals, whose places it may have to wait for.
         reserve(domain)?;
         ports.rehearsal = rehearsal::of_acquisition(&node, imu, deadline)?;
@@ -201,10 +201,10 @@ impl Acquisition {
     }
 
     #[inline]
-    fn take_place(&mut self) -> Result<Place, TransportError> {
+    fn take_place(&mut self) -> Result<LoanPlace, TransportError> {
         match &mut self.ports {
-            Some(ports) => Ok(Place::Shared { sample: ports.take_spare()?, joins: self.joins }),
-            None => Ok(Place::Private(Box::default())),
+            Some(ports) => Ok(LoanPlace::Shared { sample: ports.take_spare()?, joins: self.joins }),
+            None => Ok(LoanPlace::Private(Box::default())),
         }
     }
 
@@ -290,7 +290,7 @@ impl Acquisition {
         (kept.sent_ns, sample.sent_ns) = (now, now);
         let Some(ports) = &mut self.ports else { return Ok(()) };
         let sent = match sample.place {
-            Place::Shared { sample, joins } if joins == self.joins => {
+            LoanPlace::Shared { sample, joins } if joins == self.joins => {
                 RawSample::publish(sample).map(drop).map_err(|error| error.to_string())
             }
             place => copy_into(ports, &Loan { place, number: None }),
@@ -401,7 +401,7 @@ impl Acquisition {
     /// Tries to join the streams. Everything that is unanswered will be sent again.
     fn rejoin(&mut self, now: u64) {
         let node = self.node.take().or_else(|| join_existing(&self.domain).ok());
-        let attached = node.as_ref().and_then(|node| Ports::attach(node, &self.domain, &self.imu).ok());
+        let attached = node.as_ref().and_then(|node| AcquisitionPorts::attach(node, &self.domain, &self.imu).ok());
         if let (Some(node), Some((ports, _))) = (&node, attached) {
             let ports = self.ports.insert(ports);
             let reserved = reserve(&self.domain).and_then(|()| {
@@ -422,7 +422,7 @@ impl Acquisition {
 
 /// Sends a sample that is not in the memory of these ports.
 #[cold]
-fn copy_into(ports: &mut Ports, sample: &RawSample) -> Result<(), String> {
+fn copy_into(ports: &mut AcquisitionPorts, sample: &RawSample) -> Result<(), String> {
     let mut copy = ports.take_spare().map_err(|error| error.to_string())?;
     *copy.payload_mut() = *sample;
     RawSample::publish(copy).map(drop).map_err(|error| error.to_string())

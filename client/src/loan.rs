@@ -14,13 +14,13 @@ use isotherm_support::failure::{Exit, Failure};
 ///
 /// One that the service has no room for is kept: [`Acquisition::keep`](crate::Acquisition::keep).
 pub struct Loan {
-    pub(crate) place: Place,
+    pub(crate) place: LoanPlace,
     /// Session and number that it was loaned with; `None` if it has the sequence of a record.
     pub(crate) number: Option<(u64, u64)>,
 }
 
 /// Where a loaned sample is.
-pub(crate) enum Place {
+pub(crate) enum LoanPlace {
     /// In the shared memory of the acquisition's ports.
     Shared {
         /// The sample.
@@ -37,8 +37,8 @@ impl core::ops::Deref for Loan {
     #[inline]
     fn deref(&self) -> &RawSample {
         match &self.place {
-            Place::Shared { sample, .. } => sample.payload(),
-            Place::Private(sample) => sample,
+            LoanPlace::Shared { sample, .. } => sample.payload(),
+            LoanPlace::Private(sample) => sample,
         }
     }
 }
@@ -47,8 +47,8 @@ impl core::ops::DerefMut for Loan {
     #[inline]
     fn deref_mut(&mut self) -> &mut RawSample {
         match &mut self.place {
-            Place::Shared { sample, .. } => sample.payload_mut(),
-            Place::Private(sample) => sample,
+            LoanPlace::Shared { sample, .. } => sample.payload_mut(),
+            LoanPlace::Private(sample) => sample,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Reading the streams of an IMU: for navigation, loggers and recorders.
 
-use crate::arrival::Arrival;
+use crate::arrival::ArrivalEvent;
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
@@ -87,7 +87,7 @@ pub struct Reader<T: Payload> {
     descriptor: Option<OwnedFd>,
     // The ports must be dropped before their node; fields are dropped in this order.
     status: Option<StatusReader>,
-    arrival: Option<Arrival>,
+    arrival: Option<ArrivalEvent>,
     subscriber: Option<Subscriber<T>>,
     node: Option<IpcNode>,
 }
@@ -256,7 +256,7 @@ impl<T: Payload> Reader<T> {
     fn listen(&mut self) -> Result<(), ConnectError> {
         let Self { arrival, node: Some(node), imu, domain, .. } = self else { return Ok(()) };
         if arrival.is_none() && T::HAS_EVENT {
-            *arrival = Arrival::open(node, imu)?;
+            *arrival = ArrivalEvent::open(node, imu)?;
             reserve(domain)?;
             if let (Some(descriptor), Some(arrival)) = (&self.descriptor, &self.arrival) {
                 watch(descriptor, arrival)?;
@@ -383,7 +383,7 @@ fn coarse_ns() -> u64 {
 }
 
 /// Makes a caller's descriptor readable while the event is raised. It forgets an event that is closed by itself.
-fn watch(descriptor: &OwnedFd, arrival: &Arrival) -> Result<(), ConnectError> {
+fn watch(descriptor: &OwnedFd, arrival: &ArrivalEvent) -> Result<(), ConnectError> {
     let added = epoll::add(descriptor, arrival.descriptor(), epoll::EventData::new_u64(0), epoll::EventFlags::IN);
     added.map_err(|error| ConnectError::transport("watching the event of the increments", error))
 }

@@ -39,7 +39,7 @@ use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::queue_depth;
 use isotherm_support::failure::{Exit, Failure};
 use listeners::{WakeListeners, WakePorts};
-use order::{Order, STOP};
+use order::{STOP, WorkerOrder};
 use rehearse::Rehearsals;
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -57,7 +57,7 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    order: Arc<Order>,
+    order: Arc<WorkerOrder>,
     thread: JoinHandle<()>,
 }
 
@@ -73,7 +73,7 @@ impl Worker {
         links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let order = Arc::<Order>::default();
+        let order = Arc::<WorkerOrder>::default();
         let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
@@ -150,7 +150,7 @@ fn run(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    (order, beat): (&Order, HeartbeatWriter),
+    (order, beat): (&WorkerOrder, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
     let (mut channels, ports, rehearsals) = match open(domain, config, index, links, order) {
@@ -169,7 +169,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    order: &Order,
+    order: &WorkerOrder,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -220,7 +220,7 @@ impl<'a> HotLoop<'a> {
 
     /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it
     /// costs no instruction.
-    fn run(&mut self, order: &Order) {
+    fn run(&mut self, order: &WorkerOrder) {
         loop {
             match order.present() {
                 STOP => break,
@@ -242,7 +242,7 @@ impl<'a> HotLoop<'a> {
     }
 
     /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
-    fn serve<const ANNOUNCE: bool>(&mut self, order: &Order, current: u64) {
+    fn serve<const ANNOUNCE: bool>(&mut self, order: &WorkerOrder, current: u64) {
         let (mut turns, mut idle) = (Turns::default(), Idle::default());
         loop {
             self.beat.beat();
@@ -358,8 +358,8 @@ impl<const ANNOUNCE: bool> Queues for HotQueues<'_, '_, ANNOUNCE> {
 mod tests {
     use super::*;
 
-    fn worker(body: impl FnOnce(&Order) + Send + 'static) -> Worker {
-        let order = Arc::<Order>::default();
+    fn worker(body: impl FnOnce(&WorkerOrder) + Send + 'static) -> Worker {
+        let order = Arc::<WorkerOrder>::default();
         let thread = {
             let order = Arc::clone(&order);
             thread::spawn(move || body(&order))

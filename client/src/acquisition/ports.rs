@@ -23,7 +23,7 @@ const LOANS: usize = 4;
 
 /// The ports of an acquisition. They must be dropped before their node.
 #[derive(Debug)]
-pub(super) struct Ports {
+pub(super) struct AcquisitionPorts {
     /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
     /// not get free.
     pub rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
@@ -46,7 +46,7 @@ pub(super) struct ServiceEnd {
     pub depth: usize,
 }
 
-impl Ports {
+impl AcquisitionPorts {
     /// Takes the places of the acquisition of an IMU; does not wait.
     pub(super) fn attach(node: &IpcNode, domain: &Domain, imu: &ImuId) -> Result<(Self, ServiceEnd), ConnectError> {
         refuse_foreign(domain)?;

@@ -48,7 +48,7 @@ pub struct Channel {
     /// The last sample, copied out of shared memory.
     raw: RawSample,
     /// What is still to be done for the last sample, whose answer is published.
-    unsettled: Option<Unsettled>,
+    unsettled: Option<Settlement>,
     /// Loaned in advance, so that the answer does not wait for the loan.
     spare: Option<Outgoing<CompensatedIncrement>>,
     publisher: Publisher<CompensatedIncrement>,
@@ -60,7 +60,7 @@ pub struct Channel {
 }
 
 /// A sample whose answer is published, but which is not returned and not counted yet.
-struct Unsettled {
+struct Settlement {
     /// Held until its place in shared memory may be used again.
     sample: Incoming<RawSample>,
     arrival: Arrival,
@@ -200,7 +200,7 @@ impl Channel {
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;
         let published = CompensatedIncrement::publish(loan).is_ok();
-        self.unsettled = Some(Unsettled { sample, arrival, flags, latency_ns, published });
+        self.unsettled = Some(Settlement { sample, arrival, flags, latency_ns, published });
         Some(now)
     }
 
@@ -220,7 +220,7 @@ impl Channel {
     /// increment.
     #[inline]
     pub fn settle(&mut self) {
-        let Some(Unsettled { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
+        let Some(Settlement { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
         RawSample::give_back(sample);
         self.spare = CompensatedIncrement::loan(&self.publisher).ok();
         self.reclaim_polls_left = RECLAIM_POLLS;
