@@ -1,11 +1,10 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
-mod answers;
+pub(crate) mod answers;
 mod keeping;
 mod lag;
 mod ports;
 
-pub use answers::LateAnswers;
 pub use lag::LagAccess;
 
 use crate::clock::{Clock, monotonic_ns};

@@ -94,7 +94,8 @@ mod tap;
 pub mod transport;
 mod warning;
 
-pub use acquisition::{Acquisition, LagAccess, LateAnswers};
+pub use acquisition::answers::LateAnswers;
+pub use acquisition::{Acquisition, LagAccess};
 pub use arrival::descriptor;
 pub use clock::{Clock, boot, clock_offset_ns, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
