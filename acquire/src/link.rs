@@ -63,12 +63,12 @@ impl SoakSpan {
 /// Goes on with the lag of before in a session that has just begun. Where that is not possible, the IMU is soaked or
 /// its lag is not known.
 fn resume(acquisition: &mut Acquisition, before: Option<KeptLag>, first: &RawSample, is_soaked: bool) {
-    let lag_ns = acquisition.lag().lag_ns;
+    let lag_ns = acquisition.lag().state().lag_ns;
     match before.and_then(|before| before.resumed(first, lag_ns, monotonic_ns())) {
-        Some(lag) => acquisition.restore_lag(&lag),
+        Some(lag) => acquisition.lag().restore(&lag),
         None if is_soaked => {}
         None => {
-            acquisition.forget_lag();
+            acquisition.lag().forget();
             if lag_ns > 0 {
                 let seconds = 3.0 * lag_ns as f64 / 1e9;
                 tell(
@@ -97,8 +97,8 @@ impl LastSample {
     }
 
     /// The lag of an acquisition after this sample.
-    fn lag(self, acquisition: &Acquisition) -> KeptLag {
-        KeptLag { lag: *acquisition.lag(), sample_ns: self.sample_ns, sent_ns: self.sent_ns }
+    fn lag(self, acquisition: &mut Acquisition) -> KeptLag {
+        KeptLag { lag: *acquisition.lag().state(), sample_ns: self.sample_ns, sent_ns: self.sent_ns }
     }
 }
 
@@ -200,7 +200,7 @@ impl Link {
             let Some(lost) = self.waiting.pop_front() else { return };
             self.sent.dropped += 1;
             if let Some(acquisition) = self.acquisition.as_mut().filter(|_| self.session != 0) {
-                acquisition.follow(&lost.raw);
+                acquisition.lag().follow(&lost.raw);
                 self.last = LastSample::now(&lost.raw);
             }
             self.record(&lost);
@@ -230,7 +230,7 @@ impl Link {
             tell("isotherm", format!("{failed}; connecting again"));
             let acquisition = self.acquisition.take().filter(|_| self.session != 0);
             self.sent.unanswered += acquisition.as_ref().map_or(0, |acquisition| acquisition.in_flight() as u64);
-            self.lag = acquisition.map(|acquisition| self.last.lag(&acquisition)).or(self.lag);
+            self.lag = acquisition.map(|mut acquisition| self.last.lag(&mut acquisition)).or(self.lag);
             (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
         }
         Ok(())
@@ -258,7 +258,7 @@ impl Link {
                     resume(acquisition, before, &next.raw, self.soaked.contains(next));
                 }
             }
-            acquisition.follow(&next.raw);
+            acquisition.lag().follow(&next.raw);
             self.last = LastSample::now(&next.raw);
             let mut sent = next.raw;
             acquisition.complete(&mut sent);
@@ -335,7 +335,7 @@ impl Link {
             lost += 1;
             self.record(&next);
         }
-        let of_session = self.acquisition.as_ref().filter(|_| self.session != 0);
+        let of_session = self.acquisition.as_mut().filter(|_| self.session != 0);
         if let (Some(note), Some(acquisition)) = (&mut self.note, of_session) {
             note.end(&self.last.lag(acquisition));
         }

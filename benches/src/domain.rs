@@ -9,7 +9,7 @@ use std::fs::{self, File};
 use std::io::Write as _;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, Command, ExitCode, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitCode, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::sleep;
@@ -127,22 +127,14 @@ impl BenchDomain {
     /// # Errors
     /// If files cannot be written or the process not started.
     pub fn serve_many(&self, count: usize, workers: usize, settings: &str) -> BenchResult<BenchProcess> {
-        self.configure_many(count, workers, settings)?;
-        self.serve_again()
-    }
-
-    /// Writes the files for [`serve_many`](Self::serve_many).
-    ///
-    /// # Errors
-    /// If they cannot be written.
-    pub fn configure_many(&self, count: usize, workers: usize, settings: &str) -> BenchResult<()> {
         let mut config = String::new();
         for (index, id) in (0..count).map(|index| (index, imu(index))) {
             let file = format!("{id}.toml");
             fs::write(self.path(&file), TABLE.replace(&format!("\"{IMU}\""), &format!("\"{id}\"")))?;
             config += &format!("[[imu]]\nid = \"{id}\"\ntable = \"{file}\"\nworker = {}\n", index % workers);
         }
-        Ok(fs::write(self.path("service.toml"), config + settings)?)
+        fs::write(self.path("service.toml"), config + settings)?;
+        self.serve_again()
     }
 
     /// Starts the service with the configuration that it had.
@@ -197,11 +189,6 @@ impl BenchDomain {
         let (mut command, folder) = (child_of(program), self.folder.path());
         command.current_dir(folder).env("ISOTHERM_DOMAIN", self.domain.name()).env("ISOTHERM_ROOT", folder);
         command
-    }
-
-    /// All that processes of the domain have written to stdout.
-    pub fn output(&self) -> String {
-        fs::read_to_string(self.path(OUTPUT)).unwrap_or_default()
     }
 
     /// All that processes of the domain have logged.
@@ -354,18 +341,10 @@ impl BenchProcess {
     /// # Errors
     /// If it does not end within `timeout`.
     pub fn succeeds_within(&mut self, timeout: Duration) -> BenchResult<bool> {
-        Ok(self.ends_within(timeout)?.success())
-    }
-
-    /// Waits for the end of the process. Returns how it has ended.
-    ///
-    /// # Errors
-    /// If it does not end within `timeout`.
-    pub fn ends_within(&mut self, timeout: Duration) -> BenchResult<ExitStatus> {
         let begun = Instant::now();
         while begun.elapsed() < timeout {
             if let Some(status) = self.0.try_wait()? {
-                return Ok(status);
+                return Ok(status.success());
             }
             sleep(Duration::from_millis(5));
         }

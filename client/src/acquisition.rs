@@ -1,31 +1,31 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
-//!
-//! Over 400 lines: every method works on the same ports and the same state.
 
+pub(crate) mod answers;
 mod keeping;
+mod lag;
 mod ports;
+
+pub use lag::LagAccess;
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::closing::{self, Closing};
 use crate::connect::{Options, deadline, join_existing, retry_until};
 use crate::error::ConnectError;
 use crate::kept::{Kept, MOST_KEPT};
-use crate::lag::{AcquisitionLag, Sensor};
-use crate::loan::{CompensateError, InFlight, Loan, LoansNotMerged, Place, SendError, TransportError, transport};
+use crate::lag::AcquisitionLag;
+use crate::loan::{InFlight, Loan, LoanPlace, LoansNotMerged, SendError, TransportError, transport};
 use crate::loss::Loss;
 use crate::peers::{publisher_is_alive, publisher_of};
-use crate::rehearsal::{self, copied, publish, receive};
+use crate::rehearsal;
 use crate::resources::reserve;
+use crate::transport::ports::Payload as _;
 use crate::transport::stream::IpcNode;
 use crate::warning::warn;
-use iceoryx2::port::update_connections::UpdateConnections as _;
-use isotherm_shared::lag::Lag;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
-use ports::Ports;
+use ports::AcquisitionPorts;
 use std::hash::{BuildHasher as _, RandomState};
-use std::thread;
 use std::time::{Duration, Instant};
 
 /// After this silence the acquisition looks whether it was cut off from the service, and then again after the same time
@@ -69,7 +69,7 @@ pub struct Acquisition {
     /// After this silence of a service that lives the streams are joined anew \[ns\].
     rejoin_after_ns: u64,
     /// `None` while it is cut off from the streams. They are dropped before the node.
-    ports: Option<Ports>,
+    ports: Option<AcquisitionPorts>,
     /// `None` if the domain has to be joined anew.
     node: Option<IpcNode>,
 }
@@ -83,7 +83,7 @@ impl Acquisition {
         let deadline = deadline(options.timeout);
         let domain = &options.domain;
         let node = retry_until(deadline, || join_existing(domain))?;
-        let (mut ports, service) = retry_until(deadline, || Ports::attach(&node, domain, imu))?;
+        let (mut ports, service) = retry_until(deadline, || AcquisitionPorts::attach(&node, domain, imu))?;
         // At once, and again with the streams of rehearsals, whose places it may have to wait for.
         reserve(domain)?;
         ports.rehearsal = rehearsal::of_acquisition(&node, imu, deadline)?;
@@ -121,7 +121,7 @@ impl Acquisition {
     }
 
     /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
-    /// [restored](Self::restore_lag) or [forgotten](Self::forget_lag) after this.
+    /// [restored](LagAccess::restore) or [forgotten](LagAccess::forget) after this.
     ///
     /// # Errors
     /// If samples are unanswered, or [kept](Self::keep).
@@ -154,58 +154,10 @@ impl Acquisition {
         self.state.is_full() || !self.kept.is_empty()
     }
 
-    /// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on the
-    /// acquisition's clock. Every sample that is sent later carries the lagged telemetry of all readings so far.
-    ///
-    /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has
-    /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula.
-    ///
-    /// This is not part of the sending path. If the service has taken a table with another time constant, with
-    /// [`LagOption::Service`], this call and a later one read the status, which allocates and makes system calls, but
-    /// does not wait. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If
-    /// readings are rare, give the last ones again while that is so: a reading with the time of the last is none, but
-    /// it asks.
-    ///
-    /// [`LagOption::Service`]: crate::LagOption::Service
-    pub fn reading(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
-        self.renew_lag();
-        self.lag.read(sensor, telemetry, time_ns);
-    }
-
-    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording: see
-    /// [`Lag::follow`]. Call it before the sample is sent, instead of [`reading`](Self::reading).
-    pub fn follow(&mut self, sample: &RawSample) {
-        self.renew_lag();
-        self.lag.follow(sample);
-    }
-
-    fn renew_lag(&mut self) {
-        if let Some(node) = &self.node {
-            self.lag.renew(node, &self.domain, &self.imu);
-        }
-    }
-
-    /// The lag: its time constant, 0 while there is none, and the readings so far. Save it with each reading if a
-    /// successor of this process shall go on with it.
-    #[must_use]
-    pub const fn lag(&self) -> &Lag {
-        self.lag.state()
-    }
-
-    /// Goes on with the readings of a lag that was saved, on the same clock, as if the telemetry had gone straight on
-    /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
-    /// than the saved one, which is then of another clock, is unknown as after [`forget_lag`](Self::forget_lag). So are
-    /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
-    /// of the hardware may, set its `boot` to 0.
-    pub fn restore_lag(&mut self, saved: &Lag) {
-        self.lag.restore(saved);
-    }
-
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
-    /// saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed
-    /// without the transient terms, until the readings span three time constants: [`Lag::unknown`].
-    pub fn forget_lag(&mut self) {
-        self.lag.restore(&Lag::default());
+    /// The lag of the temperatures, for what tells it of them: its readings, or one that was saved.
+    pub fn lag(&mut self) -> LagAccess<'_> {
+        let Self { lag, node, domain, imu, .. } = self;
+        LagAccess { lag, node: node.as_ref(), domain, imu }
     }
 
     /// Completes a copy of a sample as [`send`](Self::send) would now: session, and, where they are 0, `device` and
@@ -248,10 +200,10 @@ impl Acquisition {
     }
 
     #[inline]
-    fn take_place(&mut self) -> Result<Place, TransportError> {
+    fn take_place(&mut self) -> Result<LoanPlace, TransportError> {
         match &mut self.ports {
-            Some(ports) => Ok(Place::Shared { sample: ports.take_spare()?, joins: self.joins }),
-            None => Ok(Place::Private(Box::default())),
+            Some(ports) => Ok(LoanPlace::Shared { sample: ports.take_spare()?, joins: self.joins }),
+            None => Ok(LoanPlace::Private(Box::default())),
         }
     }
 
@@ -337,8 +289,8 @@ impl Acquisition {
         (kept.sent_ns, sample.sent_ns) = (now, now);
         let Some(ports) = &mut self.ports else { return Ok(()) };
         let sent = match sample.place {
-            Place::Shared { sample, joins } if joins == self.joins => {
-                publish(sample).map(drop).map_err(|error| error.to_string())
+            LoanPlace::Shared { sample, joins } if joins == self.joins => {
+                RawSample::publish(sample).map(drop).map_err(|error| error.to_string())
             }
             place => copy_into(ports, &Loan { place, number: None }),
         };
@@ -348,7 +300,7 @@ impl Acquisition {
         }
         // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded
         // wait.
-        let _ = ports.notifier.notify();
+        ports.wake();
         self.leaves_to_prepare = core::mem::take(&mut self.prepared);
         if !self.leaves_to_prepare {
             ports.spare = ports.loan().ok();
@@ -381,146 +333,7 @@ impl Acquisition {
                 raw.sent_ns = clock.now();
             });
         }
-        let _ = ports.publisher.update_connections();
-        let _ = ports.notifier.update_connections();
-        // A loan reclaims the samples that the service has returned, which the transport would else do before it sends.
-        let _ = ports.publisher.loan_uninit();
-        let _ = ports.subscriber.has_samples();
-    }
-
-    /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
-    ///
-    /// First come the late answers that [`compensate`](Self::compensate) has kept aside while it waited for a later
-    /// one.
-    ///
-    /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
-    /// sends the unanswered samples again.
-    ///
-    /// # Errors
-    /// If the transport fails.
-    #[inline]
-    pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
-        match self.state.next_aside() {
-            Some(answer) => Ok(Some(answer)),
-            None => self.receive_next(),
-        }
-    }
-
-    /// As [`receive`](Self::receive), without what was kept aside.
-    #[inline]
-    fn receive_next(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
-        if let Some(answer) = self.state.next_kept() {
-            self.lag.note(&answer);
-            return Ok(Some(answer));
-        }
-        while let Some(ports) = &mut self.ports
-            && let Some(sample) =
-                receive(&ports.subscriber).map_err(|error| transport("receiving an increment", error))?
-        {
-            let answer = copied(&*sample);
-            ports.read = self.leaves_to_prepare.then_some(sample);
-            if self.state.answered(answer.session, answer.sequence, &answer) {
-                self.lag.note(&answer);
-                return Ok(Some(answer));
-            }
-        }
-        if self.state.nothing_came() {
-            self.check_service()?;
-        }
-        Ok(None)
-    }
-
-    /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short
-    /// times.
-    ///
-    /// # Errors
-    /// If the transport fails.
-    pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, TransportError> {
-        self.wait(timeout, Self::receive)
-    }
-
-    /// The answer to the sample of this session with this `sequence`, waiting up to `timeout`. Answers to earlier
-    /// samples are kept aside for [`receive`](Self::receive): at most [`depth`](Self::depth), then the oldest is
-    /// dropped ([`dropped_answers`](Self::dropped_answers)). They count neither as in flight nor for a full queue.
-    ///
-    /// # Errors
-    /// If the transport fails.
-    pub fn receive_answer(
-        &mut self,
-        sequence: u64,
-        timeout: Duration,
-    ) -> Result<Option<CompensatedIncrement>, TransportError> {
-        let session = self.session();
-        let is_wanted = |answer: &CompensatedIncrement| (answer.session, answer.sequence) == (session, sequence);
-        if let Some(answer) = self.state.take_aside(is_wanted) {
-            return Ok(Some(answer));
-        }
-        self.wait(timeout, |this| {
-            while let Some(answer) = this.receive_next()? {
-                if is_wanted(&answer) {
-                    return Ok(Some(answer));
-                }
-                this.state.keep_aside(answer);
-            }
-            Ok(None)
-        })
-    }
-
-    /// Late answers that wait for [`receive`](Self::receive).
-    #[must_use]
-    pub fn late_answers(&self) -> usize {
-        self.state.aside()
-    }
-
-    /// Late answers that were dropped because [`depth`](Self::depth) of them waited already.
-    #[must_use]
-    pub const fn dropped_answers(&self) -> u64 {
-        self.state.aside_dropped()
-    }
-
-    fn wait(
-        &mut self,
-        timeout: Duration,
-        mut receive: impl FnMut(&mut Self) -> Result<Option<CompensatedIncrement>, TransportError>,
-    ) -> Result<Option<CompensatedIncrement>, TransportError> {
-        const SPIN: Duration = Duration::from_micros(100);
-        let started = Instant::now();
-        loop {
-            if let Some(answer) = receive(self)? {
-                return Ok(Some(answer));
-            }
-            let waited = started.elapsed();
-            if waited >= timeout {
-                return Ok(None);
-            }
-            if waited < SPIN {
-                core::hint::spin_loop();
-            } else {
-                thread::sleep(Duration::from_micros(20));
-            }
-        }
-    }
-
-    /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
-    ///
-    /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), as
-    /// [`receive_answer`](Self::receive_answer) does.
-    ///
-    /// # Errors
-    /// [`CompensateError`].
-    pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
-        let sequence = sample.sequence;
-        // Makes room and checks the service for a caller that never calls `receive`.
-        while self.state.is_full()
-            && let Some(answer) = self.receive_next()?
-        {
-            self.state.keep_aside(answer);
-        }
-        if self.state.is_full() {
-            self.check_service()?;
-        }
-        self.send(sample)?;
-        self.receive_answer(sequence, timeout)?.ok_or(CompensateError::Timeout)
+        ports.connect();
     }
 
     /// Sends samples again if the protocol says so, and joins the streams anew if they are lost. Called only while
@@ -541,10 +354,10 @@ impl Acquisition {
         for sample in self.state.samples(resend) {
             let mut copy = ports.take_spare()?;
             *copy.payload_mut() = *sample;
-            publish(copy).map_err(|error| transport("sending a raw sample again", error))?;
+            RawSample::publish(copy).map_err(|error| transport("sending a raw sample again", error))?;
         }
         self.state.resent(resend, service, now);
-        let _ = ports.notifier.notify();
+        ports.wake();
         Ok(())
     }
 
@@ -587,7 +400,7 @@ impl Acquisition {
     /// Tries to join the streams. Everything that is unanswered will be sent again.
     fn rejoin(&mut self, now: u64) {
         let node = self.node.take().or_else(|| join_existing(&self.domain).ok());
-        let attached = node.as_ref().and_then(|node| Ports::attach(node, &self.domain, &self.imu).ok());
+        let attached = node.as_ref().and_then(|node| AcquisitionPorts::attach(node, &self.domain, &self.imu).ok());
         if let (Some(node), Some((ports, _))) = (&node, attached) {
             let ports = self.ports.insert(ports);
             let reserved = reserve(&self.domain).and_then(|()| {
@@ -608,10 +421,10 @@ impl Acquisition {
 
 /// Sends a sample that is not in the memory of these ports.
 #[cold]
-fn copy_into(ports: &mut Ports, sample: &RawSample) -> Result<(), String> {
+fn copy_into(ports: &mut AcquisitionPorts, sample: &RawSample) -> Result<(), String> {
     let mut copy = ports.take_spare().map_err(|error| error.to_string())?;
     *copy.payload_mut() = *sample;
-    publish(copy).map(drop).map_err(|error| error.to_string())
+    RawSample::publish(copy).map(drop).map_err(|error| error.to_string())
 }
 
 impl Drop for Acquisition {

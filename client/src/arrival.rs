@@ -20,11 +20,11 @@ const BOUND: Duration = Duration::from_millis(20);
 
 /// Listens to the event of an IMU.
 #[derive(Debug)]
-pub(crate) struct Arrival {
+pub(crate) struct ArrivalEvent {
     listener: Listener<Ipc>,
 }
 
-impl Arrival {
+impl ArrivalEvent {
     /// Begins to listen. `None` if there is no event, as in the domain of a relay, where no service is.
     pub(crate) fn open(node: &IpcNode, imu: &ImuId) -> Result<Option<Self>, ConnectError> {
         let failed = |error: String| ConnectError::transport("opening the event of the increments", error);

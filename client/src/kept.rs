@@ -41,7 +41,7 @@ pub(crate) struct Sum {
 
 /// Why a control period was not kept.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) struct NotRising;
+pub(crate) struct SequenceRefusal;
 
 /// The line: a ring, oldest first. It never allocates after construction.
 #[derive(Debug)]
@@ -109,12 +109,12 @@ impl Kept {
         mut raw: RawSample,
         is_own: bool,
         ceiling: Ceiling,
-    ) -> Result<(), NotRising> {
+    ) -> Result<(), SequenceRefusal> {
         let shift = self.shift;
         let newest = self.newest().map(|newest| (newest.raw.sequence.wrapping_add(shift), newest));
         let last = newest.as_ref().map(|(sequence, _)| *sequence).or_else(|| state.last_sequence());
         if !rises(last, raw.sequence) {
-            return Err(NotRising);
+            return Err(SequenceRefusal);
         }
         if let Some((sequence, newest)) = newest
             && is_own

@@ -86,7 +86,7 @@ pub(crate) struct AcquisitionLag {
     /// A table of which it is known how far its sums may go, and how far.
     ceiling: (u64, Ceiling),
     /// A question that is under way.
-    asking: Option<Asking>,
+    asking: Option<StatusRequest>,
     /// A question that failed is not repeated before this \[ns\].
     retry_ns: u64,
     /// Whether it was logged that the status cannot be read.
@@ -95,7 +95,7 @@ pub(crate) struct AcquisitionLag {
 
 /// The service has been asked for the time constant in force.
 #[derive(Debug)]
-struct Asking {
+struct StatusRequest {
     reader: StatusReader,
     /// When it was asked \[ns\]; an older status is no answer.
     since_ns: u64,
@@ -145,7 +145,7 @@ impl AcquisitionLag {
         let Some(asking) = &self.asking else {
             if now >= self.retry_ns {
                 match StatusReader::with(node, domain) {
-                    Ok(reader) => self.asking = Some(Asking { reader, since_ns: now }),
+                    Ok(reader) => self.asking = Some(StatusRequest { reader, since_ns: now }),
                     Err(_) => self.retry_ns = now + RETRY_NS,
                 }
             }

@@ -22,7 +22,7 @@
 //!     while let Some(latched) = latch() {
 //!         // Telemetry that has been measured since the last period; in most periods there is none.
 //!         for (sensor, value, measured_ns) in latched.new_telemetry {
-//!             acquisition.reading(sensor, value, measured_ns);
+//!             acquisition.lag().read(sensor, value, measured_ns);
 //!         }
 //!         let mut raw = acquisition.loan()?;            // in shared memory; sending does not copy it
 //!         raw.timestamp_ns = latched.timestamp_ns;      // end of the period, your clock
@@ -40,7 +40,7 @@
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
 //!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
-//! * [`Acquisition::reading`] takes the temperature telemetry as it is measured. The library keeps its first-order lag,
+//! * [`Acquisition::lag`] takes the temperatures as they are measured. The library keeps its first-order lag,
 //!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
 //! * [`Readings`] turns readings in m/s2 and rad/s into the pulses of a sample, and increments have
@@ -94,7 +94,8 @@ mod tap;
 pub mod transport;
 mod warning;
 
-pub use acquisition::Acquisition;
+pub use acquisition::answers::LateAnswers;
+pub use acquisition::{Acquisition, LagAccess};
 pub use arrival::descriptor;
 pub use clock::{Clock, boot, clock_offset_ns, monotonic_ns, unix_s};
 pub use closing::{Closing, last_closing};
@@ -120,9 +121,10 @@ pub use peers::{
     NodeHolder, Peers, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
 };
 pub use process::Process;
-pub use reader::{IncrementReader, RawReader, Reader, Streamed};
+pub use reader::{IncrementReader, RawReader, Reader};
 pub use realtime::{Realtime, RealtimeError, process_kb};
-pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams, publish, receive};
+pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams};
 pub use resources::{check_descriptors, check_room, reserve};
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};
+pub use transport::ports::Payload;

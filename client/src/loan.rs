@@ -1,8 +1,7 @@
 //! Loaned samples, and the errors of sending and receiving.
 
-use crate::transport::stream::Ipc;
+use crate::transport::ports::Outgoing;
 use core::fmt;
-use iceoryx2::sample_mut::SampleMut;
 use isotherm_shared::wire::{MergeError, RawSample};
 #[cfg(feature = "failure")]
 use isotherm_support::failure::{Exit, Failure};
@@ -16,17 +15,17 @@ use isotherm_support::failure::{Exit, Failure};
 ///
 /// One that the service has no room for is kept: [`Acquisition::keep`](crate::Acquisition::keep).
 pub struct Loan {
-    pub(crate) place: Place,
+    pub(crate) place: LoanPlace,
     /// Session and number that it was loaned with; `None` if it has the sequence of a record.
     pub(crate) number: Option<(u64, u64)>,
 }
 
 /// Where a loaned sample is.
-pub(crate) enum Place {
+pub(crate) enum LoanPlace {
     /// In the shared memory of the acquisition's ports.
     Shared {
         /// The sample.
-        sample: SampleMut<Ipc, RawSample, ()>,
+        sample: Outgoing<RawSample>,
         /// How often the acquisition had joined the streams. A sample of earlier ports is copied when it is sent.
         joins: u32,
     },
@@ -39,8 +38,8 @@ impl core::ops::Deref for Loan {
     #[inline]
     fn deref(&self) -> &RawSample {
         match &self.place {
-            Place::Shared { sample, .. } => sample.payload(),
-            Place::Private(sample) => sample,
+            LoanPlace::Shared { sample, .. } => sample.payload(),
+            LoanPlace::Private(sample) => sample,
         }
     }
 }
@@ -49,8 +48,8 @@ impl core::ops::DerefMut for Loan {
     #[inline]
     fn deref_mut(&mut self) -> &mut RawSample {
         match &mut self.place {
-            Place::Shared { sample, .. } => sample.payload_mut(),
-            Place::Private(sample) => sample,
+            LoanPlace::Shared { sample, .. } => sample.payload_mut(),
+            LoanPlace::Private(sample) => sample,
         }
     }
 }

@@ -1,12 +1,10 @@
 //! The processes at the other end of a stream, and how this process can name them.
 
+use crate::transport::nodes;
 use crate::transport::stream::{Ipc, IpcNode, RAW_DEPTH};
 use core::fmt;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::node::NodeView as _;
-use iceoryx2::prelude::{
-    CallbackProgression, IceoryxSend, MessagingPattern, Node, NodeState, PortFactory as _, ServiceName,
-};
+use iceoryx2::prelude::{CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, ServiceName};
 use iceoryx2::service::Service as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as StaticPattern;
@@ -110,15 +108,7 @@ pub(crate) fn publisher_is_alive<T: IceoryxSend + fmt::Debug>(
     stream: &PortFactory<Ipc, T, ()>,
 ) -> bool {
     let Some((_, publisher)) = publisher_of(stream) else { return false };
-    let mut alive = false;
-    let listed = Node::<Ipc>::list(node.config(), |state| match state {
-        NodeState::Alive(view) if *view.id() == publisher => {
-            alive = true;
-            CallbackProgression::Stop
-        }
-        _ => CallbackProgression::Continue,
-    });
-    alive && listed.is_ok()
+    nodes::is_alive(node, publisher)
 }
 
 /// The name of the payload type of a stream that exists.

@@ -1,22 +1,21 @@
 //! Reading the streams of an IMU: for navigation, loggers and recorders.
 
-use crate::arrival::Arrival;
+use crate::arrival::ArrivalEvent;
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
 use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
-use crate::rehearsal::copied;
 use crate::resources::reserve;
 use crate::status::{StatusError, StatusReader};
-use crate::transport::stream::{Ipc, IpcNode, OpenedStream, increment_name, open_increment, open_raw, raw_name};
+use crate::transport::nodes;
+use crate::transport::ports::{Incoming, Payload, Subscriber, copied};
+use crate::transport::stream::IpcNode;
 use crate::warning::warn;
-use core::fmt;
-use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::prelude::{ServiceName, ZeroCopySend};
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{self, ReaderState, SequenceTracker};
-use isotherm_shared::sequence::{Period, Seen};
+use isotherm_shared::sequence::Seen;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::event::epoll;
 use rustix::time::{ClockId, clock_gettime};
@@ -32,47 +31,6 @@ const POLL: Duration = Duration::from_micros(200);
 const EVENT_RETRY: Duration = Duration::from_secs(1);
 /// Pause between two looks whether the reader was cut off from the stream, while nothing comes \[ns\].
 const LOOK_NS: u64 = 250_000_000;
-
-/// The payload of a stream: [`RawSample`] or [`CompensatedIncrement`].
-pub trait Streamed: ZeroCopySend + fmt::Debug + Copy + 'static {
-    /// Name of the IMU's stream that carries this payload.
-    fn stream(imu: &ImuId) -> ServiceName;
-    /// Opens a stream with this payload.
-    ///
-    /// # Errors
-    /// Those of the transport.
-    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self>;
-    /// Session, sequence and times.
-    fn period(&self) -> Period;
-    /// Whether the service notifies an event when it has published.
-    const HAS_EVENT: bool;
-}
-
-impl Streamed for RawSample {
-    const HAS_EVENT: bool = false;
-    fn stream(imu: &ImuId) -> ServiceName {
-        raw_name(imu)
-    }
-    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
-        open_raw(node, name)
-    }
-    fn period(&self) -> Period {
-        self.into()
-    }
-}
-
-impl Streamed for CompensatedIncrement {
-    const HAS_EVENT: bool = true;
-    fn stream(imu: &ImuId) -> ServiceName {
-        increment_name(imu)
-    }
-    fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
-        open_increment(node, name)
-    }
-    fn period(&self) -> Period {
-        self.into()
-    }
-}
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers.
 ///
@@ -109,7 +67,7 @@ pub type RawReader = Reader<RawSample>;
 /// Sequences rise, with one exception: after a restart of the service, or a loss, a new sample may come before samples
 /// that are sent again. [`isotherm_shared::protocol`] has the rules.
 #[derive(Debug)]
-pub struct Reader<T: Streamed> {
+pub struct Reader<T: Payload> {
     domain: Domain,
     imu: ImuId,
     state: ReaderState,
@@ -129,12 +87,12 @@ pub struct Reader<T: Streamed> {
     descriptor: Option<OwnedFd>,
     // The ports must be dropped before their node; fields are dropped in this order.
     status: Option<StatusReader>,
-    arrival: Option<Arrival>,
-    subscriber: Option<Subscriber<Ipc, T, ()>>,
+    arrival: Option<ArrivalEvent>,
+    subscriber: Option<Subscriber<T>>,
     node: Option<IpcNode>,
 }
 
-impl<T: Streamed> Reader<T> {
+impl<T: Payload> Reader<T> {
     /// A reader that connects at once if the service is there, and else in a later call, as soon as it is; it never
     /// waits (the time-out of `options` is not used).
     ///
@@ -251,8 +209,9 @@ impl<T: Streamed> Reader<T> {
             return self.try_attach().map(|()| None);
         };
         loop {
-            let sample = subscriber.receive().map_err(|error| ConnectError::transport("reading the stream", error))?;
-            let Some(received) = sample.map(|sample| copied(&*sample)) else {
+            let sample =
+                T::receive(subscriber).map_err(|error| ConnectError::transport("reading the stream", error))?;
+            let Some(received) = sample.map(taken) else {
                 self.look_for_loss();
                 return Ok(None);
             };
@@ -297,7 +256,7 @@ impl<T: Streamed> Reader<T> {
     fn listen(&mut self) -> Result<(), ConnectError> {
         let Self { arrival, node: Some(node), imu, domain, .. } = self else { return Ok(()) };
         if arrival.is_none() && T::HAS_EVENT {
-            *arrival = Arrival::open(node, imu)?;
+            *arrival = ArrivalEvent::open(node, imu)?;
             reserve(domain)?;
             if let (Some(descriptor), Some(arrival)) = (&self.descriptor, &self.arrival) {
                 watch(descriptor, arrival)?;
@@ -397,9 +356,9 @@ impl<T: Streamed> Reader<T> {
         let name = T::stream(&self.imu);
         let stream = T::open(node, &name);
         let stream = stream.map_err(|error| unopened(node, &self.domain, &self.imu, &name, error))?;
-        let subscriber = stream.subscriber_builder().create().map_err(|error| match error {
+        let subscriber = T::subscriber(&stream, None).map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                node.try_cleanup_dead_nodes();
+                nodes::clean(node);
                 ConnectError::no_room(&self.domain, &self.imu, &stream)
             }
             other => ConnectError::transport("subscribing to the stream", other),
@@ -410,6 +369,13 @@ impl<T: Streamed> Reader<T> {
     }
 }
 
+/// Copies a sample out of shared memory, and returns its place.
+fn taken<T: Payload>(sample: Incoming<T>) -> T {
+    let copy = copied(&*sample);
+    T::give_back(sample);
+    copy
+}
+
 /// `CLOCK_MONOTONIC` to within some milliseconds \[ns\]: it costs a reader that spins less.
 fn coarse_ns() -> u64 {
     let now = clock_gettime(ClockId::MonotonicCoarse);
@@ -417,7 +383,7 @@ fn coarse_ns() -> u64 {
 }
 
 /// Makes a caller's descriptor readable while the event is raised. It forgets an event that is closed by itself.
-fn watch(descriptor: &OwnedFd, arrival: &Arrival) -> Result<(), ConnectError> {
+fn watch(descriptor: &OwnedFd, arrival: &ArrivalEvent) -> Result<(), ConnectError> {
     let added = epoll::add(descriptor, arrival.descriptor(), epoll::EventData::new_u64(0), epoll::EventFlags::IN);
     added.map_err(|error| ConnectError::transport("watching the event of the increments", error))
 }

@@ -48,13 +48,13 @@ pub struct TappedSample {
 /// Reads up to 64 streams in a thread of its own. Dropping it ends the thread.
 pub struct Tap {
     samples: Receiver<TappedSample>,
-    shared: Arc<Shared>,
+    shared: Arc<TapShare>,
     thread: Option<JoinHandle<Result<Vec<u64>, ConnectError>>>,
 }
 
 /// State shared with the thread.
 #[derive(Debug, Default)]
-struct Shared {
+struct TapShare {
     end: AtomicBool,
     overflow: AtomicU64,
     /// One bit for each stream, in the order of the list.
@@ -74,7 +74,7 @@ impl Tap {
     /// If the operating system refuses the thread or its real-time settings.
     pub fn start(streams: &[(ImuId, StreamKind)], options: &Options, settings: TapSettings) -> io::Result<Self> {
         let (sender, samples) = sync_channel(settings.depth);
-        let shared = Arc::<Shared>::default();
+        let shared = Arc::<TapShare>::default();
         let (streams, options, state) = (streams.to_vec(), options.clone(), Arc::clone(&shared));
         let (applied, result) = mpsc::channel();
         let TapSettings { pause, realtime, .. } = settings;
@@ -156,7 +156,7 @@ fn drain(
     mut readers: Vec<StreamReader>,
     samples: &SyncSender<TappedSample>,
     pause: Duration,
-    shared: &Shared,
+    shared: &TapShare,
 ) -> Result<Vec<u64>, ConnectError> {
     let mut updated = Instant::now();
     // After `end` the queues are emptied, in a limited number of rounds: a stream that never pauses must not prevent
@@ -198,7 +198,7 @@ fn take(
     stream: usize,
     reader: &mut StreamReader,
     samples: &SyncSender<TappedSample>,
-    shared: &Shared,
+    shared: &TapShare,
 ) -> Result<bool, ConnectError> {
     for count in 0..BATCH {
         let sample = match reader {
@@ -240,7 +240,7 @@ mod explored {
     #[test]
     fn explored_losses_are_counted_and_the_end_is_seen() {
         explore(|| {
-            let shared = Arc::<Shared>::default();
+            let shared = Arc::<TapShare>::default();
             let thread = {
                 let shared = Arc::clone(&shared);
                 thread::spawn(move || {

@@ -4,7 +4,9 @@
 //! part of Isotherm, and for peers that open the streams by themselves.
 
 pub mod group;
+pub mod nodes;
 pub mod own_static;
 pub mod own_storage;
+pub mod ports;
 pub mod recycled;
 pub mod stream;

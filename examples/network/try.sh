@@ -12,7 +12,7 @@ tunnel=$(command -v iox2-link-tunnel-zenoh) || fail "iox2-link-tunnel-zenoh is n
 command -v ip > /dev/null || fail "ip is missing; install iproute2"
 if [ -z "${ISOTHERM_BUILD:-}" ]; then # ISOTHERM_BUILD: a folder with the programs isotherm and network
   cargo build --release --locked --quiet -p isotherm-cli
-  cargo build --release --locked --quiet -p isotherm-benches --bin network
+  cargo build --release --locked --quiet -p isotherm-tests --bin network
   export ISOTHERM_BUILD=target/release
 fi
 # Everything runs at a real-time priority, so that other processes do not disturb it. PLAIN=1 keeps the normal priority.

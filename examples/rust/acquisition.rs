@@ -34,15 +34,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     begin(&mut acquisition, state, rest.get(1).is_some_and(|word| word == "unknown"));
 
     println!("sequence,a1_dv,a2_dv,a3_dv,g1_da,g2_da,g3_da,table,flags");
-    let mut saved = *acquisition.lag();
+    let mut saved = *acquisition.lag().state();
     for sample in RawCsvReader::new(File::open(recording)?)? {
         let sample = sample?;
         // New temperatures; in most samples there are none.
-        acquisition.follow(&sample);
+        acquisition.lag().follow(&sample);
         if let Some(state) = state
-            && acquisition.lag().sensors != saved.sensors
+            && acquisition.lag().state().sensors != saved.sensors
         {
-            saved = *acquisition.lag();
+            saved = *acquisition.lag().state();
             // Under another name first, so that the file is complete whenever this process ends.
             let staged = state.with_extension("new");
             fs::write(&staged, serde_json::to_string(&saved)?)?;
@@ -64,7 +64,7 @@ fn begin(acquisition: &mut Acquisition, state: Option<&Path>, unknown: bool) {
     let Some(state) = state else { return };
     let text = fs::read_to_string(state);
     match text.as_deref().map(serde_json::from_str) {
-        Ok(Ok(lag)) => acquisition.restore_lag(&lag),
+        Ok(Ok(lag)) => acquisition.lag().restore(&lag),
         // The first start: the IMU is soaked, if nothing else is said.
         Err(error) if error.kind() == ErrorKind::NotFound && !unknown => {}
         other => {
@@ -72,7 +72,7 @@ fn begin(acquisition: &mut Acquisition, state: Option<&Path>, unknown: bool) {
                 "{}: no state of the lag; flagged lag-unknown for three time constants: {other:?}",
                 state.display()
             );
-            acquisition.forget_lag();
+            acquisition.lag().forget();
         }
     }
 }

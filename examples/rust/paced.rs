@@ -124,7 +124,7 @@ impl Paced {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             (self.temperature, self.measured_ns) = (temperature, end);
             for (sensor, _) in Sensor::NAMES {
-                self.acquisition.reading(sensor, temperature, end);
+                self.acquisition.lag().read(sensor, temperature, end);
             }
         }
         sample.timestamp_ns = end;

@@ -163,7 +163,7 @@ impl Acquisition {
 
     #[getter]
     fn dropped_answers(&self) -> PyResult<u64> {
-        Ok(self.owned.hold()?.open()?.client.dropped_answers())
+        Ok(self.owned.hold()?.open()?.client.late().dropped())
     }
 
     fn __enter__(this: Py<Self>) -> Py<Self> {
@@ -182,26 +182,26 @@ impl Acquisition {
 
     fn reading(&self, name: &str, telemetry: f64, time_ns: u64) -> PyResult<()> {
         let sensor = sensor(name)?;
-        self.owned.hold()?.open()?.client.reading(sensor, telemetry, time_ns);
+        self.owned.hold()?.open()?.client.lag().read(sensor, telemetry, time_ns);
         Ok(())
     }
 
     #[getter]
     fn lag_ns(&self) -> PyResult<u64> {
-        Ok(self.owned.hold()?.open()?.client.lag().lag_ns)
+        Ok(self.owned.hold()?.open()?.client.lag().state().lag_ns)
     }
 
     fn lag_state(&self) -> PyResult<LagState> {
-        Ok(LagState::of(self.owned.hold()?.open()?.client.lag()))
+        Ok(LagState::of(self.owned.hold()?.open()?.client.lag().state()))
     }
 
     fn restore_lag(&self, state: LagState) -> PyResult<()> {
-        self.owned.hold()?.open()?.client.restore_lag(&state.lag());
+        self.owned.hold()?.open()?.client.lag().restore(&state.lag());
         Ok(())
     }
 
     fn forget_lag(&self) -> PyResult<()> {
-        self.owned.hold()?.open()?.client.forget_lag();
+        self.owned.hold()?.open()?.client.lag().forget();
         Ok(())
     }
 
@@ -278,7 +278,7 @@ impl Acquisition {
         let answer = poll_until(py, timeout.saturating_sub(started.elapsed()), |left| {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
-            py.detach(|| state.client.receive_answer(sequence, left)).map_err(transport)
+            py.detach(|| state.client.late().receive(sequence, left)).map_err(transport)
         })?;
         answer.map(Increment).ok_or_else(|| Timeout::new_err(CompensateError::Timeout.to_string()))
     }

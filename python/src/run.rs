@@ -110,7 +110,7 @@ impl<'a> Run<'a> {
             let changes_session = next.filter(|sample| self.session.is_some_and(|session| session != sample.session));
             match next {
                 Some(sample)
-                    if (self.drained || (waiting == 0 && acquisition.late_answers() == 0))
+                    if (self.drained || (waiting == 0 && acquisition.late().waiting() == 0))
                         && room
                         && (changes_session.is_none() || waiting == 0)
                         && (self.period.is_none() || now >= self.due) =>
@@ -149,7 +149,7 @@ impl<'a> Run<'a> {
             self.last_answer = now;
         }
         if self.follows {
-            acquisition.follow(sample);
+            acquisition.lag().follow(sample);
         }
         let loan = acquisition.loan_record(sample).map_err(|error| error.to_string())?;
         let sent = acquisition.send(loan);

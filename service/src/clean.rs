@@ -1,8 +1,7 @@
 //! Removing what a domain leaves behind: a few small files that the transport keeps for its next start.
 
-use iceoryx2::node::{NodeListFailure, NodeView as _};
-use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
-use isotherm_client::transport::stream::{Ipc, configuration};
+use isotherm_client::transport::nodes::{Member, member_of};
+use isotherm_client::transport::stream::configuration;
 use isotherm_client::{Domain, check_domain, own_files, pid_of, sweep_half_created};
 use isotherm_support::failure::{Exit, Failure};
 use std::fs::{self, DirEntry};
@@ -66,28 +65,17 @@ pub(crate) fn remove_streams(domain: &Domain) -> Result<usize, Failure> {
 /// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory
 /// mapped.
 fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
-    let config = configuration(domain).map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-    let mut user = None;
+    configuration(domain).map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
     let folder = Path::new(domain.root_path()).join(FOLDERS[0]);
-    let listed = if folder.is_dir() {
-        Node::<Ipc>::list(&config, |node| {
-            user = match &node {
-                NodeState::Alive(view) => Some(match pid_of(domain, *view.id()) {
-                    Some(pid) => format!("pid {pid}"),
-                    None => "a process of another pid namespace".to_owned(),
-                }),
-                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {
-                    Some("a process that cannot be identified".to_owned())
-                }
-                NodeState::Dead(_) => return CallbackProgression::Continue,
-            };
-            CallbackProgression::Stop
-        })
-    } else {
-        Ok(())
-    };
-    let failed = |error: NodeListFailure| format!("listing the processes of domain {:?}: {error}", domain.name());
-    listed.map_err(|error| Failure::new(Exit::Failed, failed(error)))?;
+    let member = if folder.is_dir() { member_of(domain) } else { Ok(None) };
+    let failed = |error: String| format!("listing the processes of domain {:?}: {error}", domain.name());
+    let user = member.map_err(|error| Failure::new(Exit::Failed, failed(error)))?.map(|member| match member {
+        Member::Node(id) => match pid_of(domain, id) {
+            Some(pid) => format!("pid {pid}"),
+            None => "a process of another pid namespace".to_owned(),
+        },
+        Member::Unknown => "a process that cannot be identified".to_owned(),
+    });
     let needle = format!("/dev/shm/{}", domain.prefix());
     let mapped = || {
         let processes = fs::read_dir("/proc").into_iter().flatten().flatten();

@@ -20,6 +20,7 @@ use crate::systemd::{ServiceManager, has_supervisor};
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::counters::CounterReader;
+use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::IpcNode;
 use isotherm_client::{clock_offset_ns, monotonic_ns, pid_namespace, process_kb, removed_object, unix_s};
 use isotherm_shared::names::Domain;
@@ -237,7 +238,7 @@ impl<'a> Service<'a> {
 
     /// Removes what dead peers have left, logs losses, and measures the workers.
     fn keep_house(&mut self) {
-        self.node.try_cleanup_dead_nodes();
+        nodes::clean(&self.node);
         let ports: Vec<_> = self.imus.iter().flat_map(ImuState::ports).collect();
         self.leftovers.sweep(&self.node, &ports);
         for imu in &mut self.imus {

@@ -12,6 +12,7 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::publish_subscribe;
+use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode};
 use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
 use isotherm_shared::names::Domain;
@@ -104,7 +105,7 @@ impl<'a> Creator<'a> {
             match error {
                 CreateError::HalfCreated if waited < CREATE_TIMEOUT => remove_half_created(domain),
                 CreateError::InFlux if waited < CREATE_TIMEOUT => {
-                    node.blocking_cleanup_dead_nodes(Duration::from_millis(100));
+                    nodes::clean_within(node, Duration::from_millis(100));
                     if waited > 2 * CREATION_TIMEOUT
                         && let Some(stream) = stream
                     {
@@ -115,7 +116,7 @@ impl<'a> Creator<'a> {
                     if waited > PLACE_TIMEOUT {
                         return Err(Failure::new(Exit::Failed, taken()));
                     }
-                    node.try_cleanup_dead_nodes();
+                    nodes::clean(node);
                     // First the transport gets the chance to free the place by itself.
                     if waited > PLACE_TIMEOUT / 4 {
                         leftovers::remove_dead(domain, node, &ports);

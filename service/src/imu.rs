@@ -44,7 +44,7 @@ pub(crate) struct FirstTable {
     /// When the table's file was changed, Unix time \[s\].
     pub modified_unix_s: Option<f64>,
     /// Why the file as it is now is not in force.
-    pub refused: Option<Refused>,
+    pub refused: Option<TableRefusal>,
     /// Whether the IMU waits for its first table, as the command line allows.
     pub waits: bool,
     /// What was accepted, if the table is that of the file.
@@ -56,7 +56,7 @@ pub(crate) struct PendingImu {
     imu: Imu,
     counters: CounterReader,
     session: SessionNote,
-    last_error: Option<Refused>,
+    last_error: Option<TableRefusal>,
     waits: bool,
     tables: TableQueue,
     guard: Guard,
@@ -146,7 +146,7 @@ pub(crate) struct ImuState {
     /// Refused files; a missing file counts too.
     pub refusals: u64,
     /// Why the current file is not in force.
-    pub last_error: Option<Refused>,
+    pub last_error: Option<TableRefusal>,
     /// Whether the service was started without its table, as the command line allows.
     may_wait: bool,
     /// Whether there was no file when that changed last.
@@ -182,7 +182,7 @@ pub(crate) struct ImuState {
 
 /// Why a file was refused, and when.
 #[derive(Clone, Debug)]
-pub(crate) struct Refused {
+pub(crate) struct TableRefusal {
     /// What is wrong with it.
     pub error: String,
     /// Its table, if that is a valid one that changes too much.
@@ -193,7 +193,7 @@ pub(crate) struct Refused {
     pub since_unix_s: f64,
 }
 
-impl Refused {
+impl TableRefusal {
     /// Refused now.
     pub(crate) fn now(error: String, table: Option<Arc<CoefficientTable>>, modified_unix_s: Option<f64>) -> Self {
         Self { error: truncate(error), table, modified_unix_s, since_unix_s: unix_s() }
@@ -321,7 +321,7 @@ impl ImuState {
             FileChange::Unchanged => None,
             FileChange::Loaded(table) => self.apply_table(table, modified_unix_s, is_requested),
             FileChange::Refused(error) => {
-                self.refuse(Refused::now(error.to_string(), None, modified_unix_s), is_requested);
+                self.refuse(TableRefusal::now(error.to_string(), None, modified_unix_s), is_requested);
                 None
             }
         }
@@ -346,7 +346,7 @@ impl ImuState {
         let admission = match self.guard.admit(&table, &accepted) {
             Ok(admission) => admission,
             Err(refusal) => {
-                self.refuse(Refused::now(refusal.reason, Some(table), modified_unix_s), is_requested);
+                self.refuse(TableRefusal::now(refusal.reason, Some(table), modified_unix_s), is_requested);
                 return None;
             }
         };
@@ -361,7 +361,7 @@ impl ImuState {
     }
 
     /// Notes why the table file as it is now is not in force.
-    fn refuse(&mut self, refused: Refused, is_requested: bool) {
+    fn refuse(&mut self, refused: TableRefusal, is_requested: bool) {
         if is_requested || self.last_error.as_ref().is_none_or(|last| last.error != refused.error) {
             let stays = if self.tables.alive.is_empty() { "there is none in force" } else { "the one in force stays" };
             warn!(imu = %self.imu.id, "table refused, {stays}: {}", refused.line());

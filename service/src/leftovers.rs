@@ -8,13 +8,11 @@
 
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::{
-    CallbackProgression, FilePath, IceoryxSend, Node, NodeState, PortFactory as _, SemanticString as _,
-};
-use iceoryx2::service::internal::ServiceInternal as _;
+use iceoryx2::prelude::{CallbackProgression, FilePath, IceoryxSend, PortFactory as _, SemanticString as _};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
-use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode, configuration};
+use isotherm_client::transport::nodes;
+use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode};
 use isotherm_client::{NodeHolder, check_room, domain_files};
 use isotherm_shared::names::Domain;
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -35,7 +33,7 @@ const PASSES: u32 = 3;
 /// up this one.
 pub(crate) fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
-        let text = toml::to_string(&configuration(domain).ok()?).ok()?;
+        let text = nodes::configuration_text(domain).ok()?;
         // The transport only accepts a file; an anonymous one in memory is visible to this process only.
         let mut file = File::from(memfd_create("isotherm", MemfdFlags::CLOEXEC).ok()?);
         file.write_all(text.as_bytes()).ok()?;
@@ -62,15 +60,7 @@ pub(crate) fn make_room(domain: &Domain, imus: usize) {
 
 /// Makes the transport remove what dead processes have left, without joining the domain.
 fn clear_dead(domain: &Domain) {
-    let Ok(config) = configuration(domain) else { return };
-    let listed = Node::<Ipc>::list(&config, |node| {
-        if let NodeState::Dead(view) = node {
-            // This fails if another process is already removing them.
-            let _ = view.try_remove_stale_resources();
-        }
-        CallbackProgression::Continue
-    });
-    if let Err(error) = listed {
+    if let Err(error) = nodes::clear_dead(domain) {
         debug!("listing dead processes: {error}");
     }
 }
@@ -117,7 +107,7 @@ impl Leftovers {
             }
             let mut removed = true;
             for (port, service) in ports.iter().filter(|(port, _)| port.value() == number) {
-                let result = Ipc::__internal_remove_node_from_service(port, service, node.config());
+                let result = nodes::remove_ports(node, port, service);
                 debug!("removing a port of dead process {}: {result:?}", pid(number));
                 removed &= result.is_ok();
             }
@@ -210,7 +200,7 @@ pub(crate) fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
 pub(crate) fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
     let leftovers = Leftovers::new(domain, node);
     for (port, service) in ports.iter().filter(|(port, _)| !leftovers.may_be_alive(port.value())) {
-        let result = Ipc::__internal_remove_node_from_service(port, service, node.config());
+        let result = nodes::remove_ports(node, port, service);
         debug!("removing a port of dead process {}: {result:?}", pid(port.value()));
     }
 }

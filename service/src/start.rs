@@ -8,7 +8,7 @@
 use crate::config::{AtStart, Config, Imu};
 use crate::events::{FileChange, FileReport};
 use crate::guard::Guard;
-use crate::imu::{FirstTable, Refused, log_unlike_scale_factors};
+use crate::imu::{FirstTable, TableRefusal, log_unlike_scale_factors};
 use isotherm_support::failure::{Exit, Failure, shown};
 use tracing::{error, info, warn};
 
@@ -91,7 +91,7 @@ fn choose_one(
             (Failure::new(Exit::Io, message).at(&imu.table, None), None, false)
         }
     };
-    let refused = Some(Refused::now(failure.message.clone(), table, modified_unix_s));
+    let refused = Some(TableRefusal::now(failure.message.clone(), table, modified_unix_s));
     let reference = guard.memory().reference().cloned();
     let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {

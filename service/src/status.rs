@@ -3,8 +3,9 @@
 use crate::create::{CreateError, Creator};
 use crate::imu::ImuState;
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::prelude::{AllocationStrategy, PortFactory as _};
+use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use isotherm_client::transport::ports::{publish_status, status_publisher};
 use isotherm_client::transport::stream::{self, Ipc, IpcNode};
 use isotherm_client::{StatusNote, named, pid_of, publisher_of};
 use isotherm_shared::names::Domain;
@@ -127,9 +128,7 @@ impl StatusPublisher {
             format!("another service is running in domain {domain:?}{pid}; stop it, or give this one another --domain")
         };
         let publisher = creator.port(name, taken, || {
-            let publisher = service.publisher_builder().initial_max_slice_len(INITIAL_BYTES);
-            let publisher = publisher.allocation_strategy(AllocationStrategy::PowerOfTwo).create();
-            publisher.map_err(|error| CreateError::of_publisher(error, &service))
+            status_publisher(&service, INITIAL_BYTES).map_err(|error| CreateError::of_publisher(error, &service))
         })?;
         Ok(Self { stream: service, publisher, note: StatusNote::new(domain) })
     }
@@ -146,11 +145,6 @@ impl StatusPublisher {
     pub(crate) fn publish(&mut self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
         let noted = self.note.update(&document).map_err(|error| format!("in the domain's folder: {error}"));
-        self.send(&document).and(noted)
-    }
-
-    fn send(&self, document: &[u8]) -> Result<(), String> {
-        let sample = self.publisher.loan_slice_uninit(document.len()).map_err(|error| error.to_string())?;
-        sample.write_from_slice(document).send().map(|_| ()).map_err(|error| error.to_string())
+        publish_status(&self.publisher, &document).and(noted)
     }
 }

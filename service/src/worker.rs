@@ -9,14 +9,14 @@
 //! time from each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one
 //! sample.
 //!
-//! What an answer does not need is done when the IMU's queue is seen empty, or before its next sample
-//! ([`Channel::settle`]). When no sample waits at all, the worker rehearses ([`rehearse`]).
+//! [`turns`] has the order of turns. What an answer does not need is done when the IMU's queue is seen empty, or before
+//! its next sample ([`Channel::settle`]). When no sample waits at all, the worker rehearses ([`rehearse`]).
 //!
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all
 //! sensors of an increment come from one table.
 //!
-//! Readers that wait are notified after each turn that has answered (`HotLoop::serve`), which takes a system call for
-//! each reader that sleeps. While nobody waits, nothing is done for it.
+//! Readers that wait are notified after each round that has answered (`HotLoop::answered`), which takes a system call
+//! for each reader that sleeps. While nobody waits, nothing is done for it.
 //!
 //! A wait is at most [`wait::BOUND_NS`] long, with every strategy and even if every notification is lost.
 
@@ -26,6 +26,7 @@ pub mod histogram;
 mod listeners;
 mod order;
 pub mod rehearse;
+mod turns;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
@@ -38,12 +39,13 @@ use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::queue_depth;
 use isotherm_support::failure::{Exit, Failure};
 use listeners::{WakeListeners, WakePorts};
-use order::{Order, STOP};
+use order::{STOP, WorkerOrder};
 use rehearse::Rehearsals;
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
+use turns::{Idle, Queues, Turns};
 use wait::{Wait, Waiter};
 
 /// How long a worker may take to end after it was requested to stop.
@@ -55,7 +57,7 @@ pub struct Worker {
     pub thread_id: i32,
     /// Counts the turns of its loop; a turn starts at least every [`wait::BOUND_NS`].
     pub heartbeat: HeartbeatReader,
-    order: Arc<Order>,
+    order: Arc<WorkerOrder>,
     thread: JoinHandle<()>,
 }
 
@@ -71,7 +73,7 @@ impl Worker {
         links: Vec<ChannelLink>,
         mut give_up: impl FnMut() -> bool,
     ) -> Result<Option<Self>, Failure> {
-        let order = Arc::<Order>::default();
+        let order = Arc::<WorkerOrder>::default();
         let (beat, heartbeat) = heartbeat();
         let (ready, started) = mpsc::sync_channel(1);
         let body = {
@@ -148,7 +150,7 @@ fn run(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    (order, beat): (&Order, HeartbeatWriter),
+    (order, beat): (&WorkerOrder, HeartbeatWriter),
     ready: &mpsc::SyncSender<Result<i32, Failure>>,
 ) {
     let (mut channels, ports, rehearsals) = match open(domain, config, index, links, order) {
@@ -167,7 +169,7 @@ fn open(
     config: &Config,
     index: usize,
     links: Vec<ChannelLink>,
-    order: &Order,
+    order: &WorkerOrder,
 ) -> Result<(Vec<Channel>, Vec<WakePorts>, Rehearsals), Failure> {
     let settings = Realtime {
         core: config.realtime.cores.get(index).copied(),
@@ -218,7 +220,7 @@ impl<'a> HotLoop<'a> {
 
     /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it
     /// costs no instruction.
-    fn run(&mut self, order: &Order) {
+    fn run(&mut self, order: &WorkerOrder) {
         loop {
             match order.present() {
                 STOP => break,
@@ -240,96 +242,115 @@ impl<'a> HotLoop<'a> {
     }
 
     /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
-    fn serve<const ANNOUNCE: bool>(&mut self, order: &Order, current: u64) {
-        let Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news } = self;
-        // The channel that was served last, whether its queue has been seen empty since, and how many polls of others
-        // have found nothing since.
-        let (mut latest, mut emptied, mut idle_polls) = (0, false, 0);
-        let (mut unsettled, mut woken) = (true, false);
+    fn serve<const ANNOUNCE: bool>(&mut self, order: &WorkerOrder, current: u64) {
+        let (mut turns, mut idle) = (Turns::default(), Idle::default());
         loop {
-            beat.beat();
-            let mut served = false;
-            for turn in 0..channels.len() {
-                // A queue that was never empty since is a burst: first every other channel is polled.
-                if turn == latest && !emptied && idle_polls + 1 < channels.len() {
-                    continue;
-                }
-                if let Some(now) = channels[turn].serve(clock) {
-                    waiter.arrived(turn, now);
-                    rehearsals.served(turn);
-                    (latest, emptied, idle_polls, served) = (turn, false, 0, true);
-                    if ANNOUNCE {
-                        news[turn] = current >> turn & 1 == 1;
-                    }
-                    continue;
-                }
-                idle_polls += usize::from(turn != latest);
-                if !emptied && (turn == latest || channels[latest].is_empty()) {
-                    emptied = true;
-                    channels[latest].settle();
-                }
-                // Poll the channel that was served last again after every idle one: its next sample then waits for the
-                // poll of one idle channel, not of all.
-                if emptied
-                    && turn != latest
-                    && let Some(now) = channels[latest].serve(clock)
-                {
-                    waiter.arrived(latest, now);
-                    rehearsals.served(latest);
-                    (emptied, idle_polls, served) = (false, 0, true);
-                    if ANNOUNCE {
-                        news[latest] = current >> latest & 1 == 1;
-                    }
-                }
-            }
+            self.beat.beat();
+            let served = turns.round(&mut HotQueues::<ANNOUNCE> { hot: self, current });
             if order.present() != current {
                 return;
             }
-            if served {
-                if ANNOUNCE {
-                    let told = channels.iter().zip(news.iter_mut());
-                    told.filter_map(|(channel, news)| core::mem::take(news).then_some(channel))
-                        .for_each(Channel::announce);
-                }
-                (unsettled, woken) = (true, false);
-                continue;
+            idle = if served { self.answered::<ANNOUNCE>() } else { self.rest(idle) };
+        }
+    }
+
+    /// After a round that has answered samples.
+    #[inline]
+    fn answered<const ANNOUNCE: bool>(&mut self) -> Idle {
+        if ANNOUNCE {
+            let news = self.channels.iter().zip(&mut self.news);
+            news.filter_map(|(channel, news)| core::mem::take(news).then_some(channel)).for_each(Channel::announce);
+        }
+        Idle::Settle
+    }
+
+    /// After a round that has found no sample.
+    #[inline]
+    fn rest(&mut self, idle: Idle) -> Idle {
+        match idle {
+            Idle::Settle => self.channels.iter_mut().for_each(Channel::settle),
+            Idle::Expect => {
+                let now = self.clock.now();
+                self.waiter.expected(now).for_each(|imu| self.rehearsals.expect(imu));
             }
-            if core::mem::take(&mut unsettled) {
-                channels.iter_mut().for_each(Channel::settle);
-                continue;
-            }
-            let now = match strategy {
-                Strategy::Spin => 0,
-                Strategy::Anticipate | Strategy::Block => clock.now(),
-            };
-            if core::mem::take(&mut woken) {
-                waiter.expected(now).for_each(|imu| rehearsals.expect(imu));
-                continue;
-            }
-            // A worker that blocks does not know when to: it would sleep after a rehearsal.
-            if *strategy != Strategy::Block
-                && let Some(imu) = rehearsals.due()
-            {
-                if *strategy == Strategy::Anticipate {
-                    wake.raise(imu);
-                }
-                rehearsals.rehearse(channels, imu, clock);
-                if *strategy == Strategy::Anticipate {
-                    waiter.rehearsed(clock.now().saturating_sub(now));
-                }
-                continue;
-            }
-            match waiter.next(now) {
-                Wait::Spin => core::hint::spin_loop(),
-                // A sample that came while the event was raised is found by the next poll.
-                Wait::Sleep(_) if wake.lower() => {}
-                Wait::Sleep(time) => {
-                    wake.sleep(now, time);
-                    waiter.woke(clock.now());
-                    woken = *strategy == Strategy::Anticipate;
+            Idle::Wait => return self.wait(),
+        }
+        Idle::Wait
+    }
+
+    /// Rehearses when it is time to, else waits.
+    #[inline]
+    fn wait(&mut self) -> Idle {
+        let now = match self.strategy {
+            Strategy::Spin => 0,
+            Strategy::Anticipate | Strategy::Block => self.clock.now(),
+        };
+        // A worker that blocks does not know when to: it would sleep after a rehearsal.
+        if self.strategy != Strategy::Block
+            && let Some(imu) = self.rehearsals.due()
+        {
+            self.rehearse(imu, now);
+            return Idle::Wait;
+        }
+        match self.waiter.next(now) {
+            Wait::Spin => core::hint::spin_loop(),
+            // A sample that came while the event was raised is found by the next poll.
+            Wait::Sleep(_) if self.wake.lower() => {}
+            Wait::Sleep(time) => {
+                self.wake.sleep(now, time);
+                self.waiter.woke(self.clock.now());
+                if self.strategy == Strategy::Anticipate {
+                    return Idle::Expect;
                 }
             }
         }
+        Idle::Wait
+    }
+
+    fn rehearse(&mut self, imu: usize, now: u64) {
+        let anticipates = self.strategy == Strategy::Anticipate;
+        if anticipates {
+            self.wake.raise(imu);
+        }
+        self.rehearsals.rehearse(self.channels, imu, &mut self.clock);
+        if anticipates {
+            self.waiter.rehearsed(self.clock.now().saturating_sub(now));
+        }
+    }
+}
+
+/// The channels of a hot loop while it serves under an order. With `ANNOUNCE` the order is which readers are told.
+struct HotQueues<'l, 'a, const ANNOUNCE: bool> {
+    hot: &'l mut HotLoop<'a>,
+    current: u64,
+}
+
+impl<const ANNOUNCE: bool> Queues for HotQueues<'_, '_, ANNOUNCE> {
+    #[inline]
+    fn count(&self) -> usize {
+        self.hot.channels.len()
+    }
+
+    #[inline]
+    fn serve(&mut self, channel: usize) -> bool {
+        let HotLoop { channels, clock, waiter, rehearsals, news, .. } = self.hot;
+        let Some(now) = channels[channel].serve(clock) else { return false };
+        waiter.arrived(channel, now);
+        rehearsals.served(channel);
+        if ANNOUNCE {
+            news[channel] = self.current >> channel & 1 == 1;
+        }
+        true
+    }
+
+    #[inline]
+    fn is_empty(&self, channel: usize) -> bool {
+        self.hot.channels[channel].is_empty()
+    }
+
+    #[inline]
+    fn settle(&mut self, channel: usize) {
+        self.hot.channels[channel].settle();
     }
 }
 
@@ -337,8 +358,8 @@ impl<'a> HotLoop<'a> {
 mod tests {
     use super::*;
 
-    fn worker(body: impl FnOnce(&Order) + Send + 'static) -> Worker {
-        let order = Arc::<Order>::default();
+    fn worker(body: impl FnOnce(&WorkerOrder) + Send + 'static) -> Worker {
+        let order = Arc::<WorkerOrder>::default();
         let thread = {
             let order = Arc::clone(&order);
             thread::spawn(move || body(&order))

@@ -4,6 +4,7 @@ use super::common::options;
 use clap::Args;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
+use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment, increment_name};
 use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object, reserve};
 use isotherm_service::create::{CreateError, Creator};
@@ -85,7 +86,7 @@ impl Relay {
                     );
                     return Err(Failure::new(Exit::Io, message));
                 }
-                node.try_cleanup_dead_nodes();
+                nodes::clean(&node);
                 imus.iter_mut().for_each(RelayedImu::log);
                 due += HOUSEKEEPING;
             }

@@ -472,7 +472,12 @@ pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition)
 /// that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_dropped_answers(acquisition: *const isotherm_acquisition) -> u64 {
-    number(acquisition, Acquisition::dropped_answers)
+    let mut dropped = 0;
+    with(acquisition, |content| {
+        dropped = content.acquisition.late().dropped();
+        Ok(())
+    });
+    dropped
 }
 
 /// The session of all samples; a new random number for each connection. 0 for a handle that cannot be used.

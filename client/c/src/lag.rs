@@ -54,7 +54,7 @@ pub unsafe extern "C" fn isotherm_reading(
 ) -> isotherm_code {
     with(acquisition, |content| {
         let (sensor, _) = Sensor::NAMES.get(sensor as usize).ok_or(NO_SENSOR)?;
-        content.acquisition.reading(*sensor, telemetry, time_ns);
+        content.acquisition.lag().read(*sensor, telemetry, time_ns);
         Ok(())
     })
 }
@@ -67,7 +67,7 @@ const NO_SENSOR: CodedError =
 pub unsafe extern "C" fn isotherm_lag_ns(acquisition: *const isotherm_acquisition) -> u64 {
     let mut lag_ns = 0;
     with(acquisition, |content| {
-        lag_ns = content.acquisition.lag().lag_ns;
+        lag_ns = content.acquisition.lag().state().lag_ns;
         Ok(())
     });
     lag_ns
@@ -84,7 +84,7 @@ pub unsafe extern "C" fn isotherm_save_lag(
 ) -> isotherm_code {
     with(acquisition, |content| {
         let output = NonNull::new(lag).ok_or(NULL)?;
-        let Lag { sensors, unknown, .. } = content.acquisition.lag();
+        let Lag { sensors, unknown, .. } = *content.acquisition.lag().state();
         let none = LaggedReading { time_ns: 0, telemetry: 0.0, lagged: f64::NAN };
         let sensors = core::array::from_fn(|sensor| {
             let LaggedReading { time_ns, telemetry, lagged } = sensors[sensor].unwrap_or(none);
@@ -121,7 +121,7 @@ pub unsafe extern "C" fn isotherm_restore_lag(
             lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
             lag.unknown[sensor] = unknown;
         }
-        content.acquisition.restore_lag(&lag);
+        content.acquisition.lag().restore(&lag);
         Ok(())
     })
 }
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn isotherm_restore_lag(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_forget_lag(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| {
-        content.acquisition.forget_lag();
+        content.acquisition.lag().forget();
         Ok(())
     })
 }

@@ -2,8 +2,9 @@
 
 use super::Acquisition;
 use crate::loan::{Loan, SendError, TransportError, transport};
-use crate::rehearsal::publish;
+use crate::transport::ports::Payload as _;
 use crate::warning::warn;
+use isotherm_shared::wire::RawSample;
 
 impl Acquisition {
     /// Keeps a control period that [`send`](Self::send) or [`compensate`](Self::compensate) has handed back, or any
@@ -80,7 +81,7 @@ impl Acquisition {
         let sent = self.send_sums();
         if let Some(ports) = &mut self.ports {
             // As in `send`.
-            let _ = ports.notifier.notify();
+            ports.wake();
             if ports.spare.is_none() {
                 ports.spare = ports.loan().ok();
             }
@@ -98,7 +99,7 @@ impl Acquisition {
             self.state.send(sum.raw.sequence, &sum.raw, now);
             let Some(mut place) = place else { continue };
             *place.payload_mut() = sum.raw;
-            if let Err(error) = publish(place) {
+            if let Err(error) = RawSample::publish(place) {
                 self.state.send_failed();
                 self.kept.failed(&mut self.state, &sum);
                 return Err(transport("sending a kept sample", error));

@@ -7,13 +7,13 @@ use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, pid_of, publisher_of};
 use crate::rehearsal::Rehearsal;
+use crate::transport::ports::{
+    Incoming, Outgoing, Payload as _, Publisher, Subscriber, connect_listeners, notifier, notify,
+};
 use crate::transport::stream::{self, Ipc, IpcNode, Stream};
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
-use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::prelude::BackpressureStrategy;
-use iceoryx2::sample::Sample;
-use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::queue_depth;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
@@ -23,16 +23,16 @@ const LOANS: usize = 4;
 
 /// The ports of an acquisition. They must be dropped before their node.
 #[derive(Debug)]
-pub(super) struct Ports {
+pub(super) struct AcquisitionPorts {
     /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
     /// not get free.
     pub rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
     /// Loaned in advance.
-    pub spare: Option<SampleMut<Ipc, RawSample, ()>>,
+    pub spare: Option<Outgoing<RawSample>>,
     /// The last increment, which has been read but not returned.
-    pub read: Option<Sample<Ipc, CompensatedIncrement, ()>>,
-    pub publisher: Publisher<Ipc, RawSample, ()>,
-    pub subscriber: Subscriber<Ipc, CompensatedIncrement, ()>,
+    pub read: Option<Incoming<CompensatedIncrement>>,
+    pub publisher: Publisher<RawSample>,
+    pub subscriber: Subscriber<CompensatedIncrement>,
     pub notifier: Notifier<Ipc>,
     pub increments: Stream<CompensatedIncrement>,
 }
@@ -46,7 +46,7 @@ pub(super) struct ServiceEnd {
     pub depth: usize,
 }
 
-impl Ports {
+impl AcquisitionPorts {
     /// Takes the places of the acquisition of an IMU; does not wait.
     pub(super) fn attach(node: &IpcNode, domain: &Domain, imu: &ImuId) -> Result<(Self, ServiceEnd), ConnectError> {
         refuse_foreign(domain)?;
@@ -59,9 +59,7 @@ impl Ports {
         // The service creates its increment publisher last. When it exists, the service is ready.
         let id = publisher_of(&increments).ok_or_else(|| absent(node, domain, imu))?.0;
 
-        let publisher = raw.publisher_builder().max_loaned_samples(LOANS + 2);
-        let publisher = publisher.backpressure_strategy(BackpressureStrategy::DiscardData).create();
-        let publisher = publisher.map_err(|error| match error {
+        let publisher = RawSample::publisher(&raw, LOANS + 2).map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 // A dead acquisition occupies the only place until its node is cleaned up.
                 node.try_cleanup_dead_nodes();
@@ -71,7 +69,7 @@ impl Ports {
             other => ConnectError::transport("creating the raw publisher", other),
         })?;
         let depth = depth_of(&raw, &increments);
-        let subscriber = increments.subscriber_builder().buffer_size(queue_depth(depth)).create();
+        let subscriber = CompensatedIncrement::subscriber(&increments, Some(queue_depth(depth)));
         let subscriber = subscriber.map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 // Dead readers occupy their places until their nodes are cleaned up.
@@ -80,14 +78,13 @@ impl Ports {
             }
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;
-        let notifier = wake.notifier_builder().create();
-        let notifier = notifier.map_err(|error| ConnectError::transport("creating the notifier", error))?;
+        let notifier = notifier(&wake).map_err(|error| ConnectError::transport("creating the notifier", error))?;
         let ports = Self { rehearsal: None, spare: None, read: None, publisher, subscriber, notifier, increments };
         Ok((ports, ServiceEnd { id, depth }))
     }
 
     #[inline]
-    pub(super) fn take_spare(&mut self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
+    pub(super) fn take_spare(&mut self) -> Result<Outgoing<RawSample>, TransportError> {
         match self.spare.take() {
             Some(sample) => Ok(sample),
             None => self.loan(),
@@ -95,9 +92,22 @@ impl Ports {
     }
 
     #[inline]
-    pub(super) fn loan(&self) -> Result<SampleMut<Ipc, RawSample, ()>, TransportError> {
-        let sample = self.publisher.loan_uninit().map_err(|error| transport("loaning a raw sample", error))?;
-        Ok(sample.write_payload(RawSample::default()))
+    pub(super) fn loan(&self) -> Result<Outgoing<RawSample>, TransportError> {
+        RawSample::loan(&self.publisher).map_err(|error| transport("loaning a raw sample", error))
+    }
+
+    /// Wakes the service. That is cheap if it does not sleep; if it fails, the service finds the sample at the end of
+    /// its bounded wait.
+    #[inline]
+    pub(super) fn wake(&self) {
+        notify(&self.notifier);
+    }
+
+    /// Connects whoever has come, and looks where a sample will go and its increment will come.
+    pub(super) fn connect(&self) {
+        RawSample::connect(&self.publisher);
+        connect_listeners(&self.notifier);
+        CompensatedIncrement::waits(&self.subscriber);
     }
 
     /// What has cut these ports off from the service, if anything is seen.

@@ -132,7 +132,7 @@ fn what_cannot_give_its_number_back_begins_another_sum() {
     };
     let (one, two, three) = (state.loan(), state.loan(), state.loan());
     assert_eq!((take(&mut state, one, true), take(&mut state, two, true)), (Ok(()), Ok(())), "3 is on loan still");
-    assert_eq!(take(&mut state, one, true), Err(NotRising));
+    assert_eq!(take(&mut state, one, true), Err(SequenceRefusal));
     assert_eq!(take(&mut state, three, true), Ok(()));
     // Raised over lost periods, and a record of a recording.
     assert_eq!((state.loan(), take(&mut state, 5, false), take(&mut state, 6, false)), (2, Ok(()), Ok(())));
@@ -156,7 +156,7 @@ fn a_session_may_begin_anywhere_with_what_is_kept() {
     kept.take(&mut state, RawSample { sequence: end, ..period(0, 1) }, false, Ceiling::COUNTS).unwrap();
     assert_eq!(
         kept.take(&mut state, RawSample { sequence: end, ..period(1, 1) }, true, Ceiling::COUNTS),
-        Err(NotRising)
+        Err(SequenceRefusal)
     );
     assert_eq!(send_all(&mut kept, &mut state).len(), 1);
 }

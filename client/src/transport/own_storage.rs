@@ -89,7 +89,7 @@ pub struct OwnStorageBuilder<'builder, T: Debug + Send + Sync + ZeroCopySend> {
 }
 
 /// What is in the place of an object.
-enum Found {
+enum Occupant {
     Nothing,
     /// A regular file of this user that has a size.
     Own,
@@ -111,27 +111,27 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
     }
 
     /// Looks at the object without opening it. Waits for an own object that has no size yet.
-    fn find(&self) -> Result<Found, DynamicStorageOpenError> {
+    fn find(&self) -> Result<Occupant, DynamicStorageOpenError> {
         let path = self.path();
         let begun = Instant::now();
         loop {
             match fs::symlink_metadata(&path) {
-                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Nothing),
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Occupant::Nothing),
                 Err(_) => return Err(DynamicStorageOpenError::InternalError),
-                Ok(found) if !found.is_file() => return Ok(Found::Foreign),
+                Ok(found) if !found.is_file() => return Ok(Occupant::Foreign),
                 Ok(found) if found.uid() == rustix::process::geteuid().as_raw() => {
                     if found.size() > 0 {
-                        return Ok(Found::Own);
+                        return Ok(Occupant::Own);
                     }
                 }
                 Ok(found) if group::owns(&self.prefix(), &found) => {
                     if found.size() > 0 && found.mode() & 0o060 == 0o060 {
-                        return Ok(Found::Own);
+                        return Ok(Occupant::Own);
                     }
                 }
                 // Another member of the group may be creating it, and has not given it to the group yet.
                 Ok(_) if group::of(&self.prefix()).is_some() && begun.elapsed() < self.timeout => {}
-                Ok(_) => return Ok(Found::Foreign),
+                Ok(_) => return Ok(Occupant::Foreign),
             }
             if begun.elapsed() >= self.timeout {
                 return Err(DynamicStorageOpenError::InitializationNotYetFinalized);
@@ -245,30 +245,30 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
 
     fn open(mut self, access_mode: AccessMode) -> Result<OwnStorage<T>, DynamicStorageOpenError> {
         match self.find()? {
-            Found::Nothing => Err(DynamicStorageOpenError::DoesNotExist),
-            Found::Own => {
+            Occupant::Nothing => Err(DynamicStorageOpenError::DoesNotExist),
+            Occupant::Own => {
                 let storage = self.inner().open(access_mode)?;
                 Ok(self.own(storage))
             }
-            Found::Foreign => Err(DynamicStorageOpenError::InternalError),
+            Occupant::Foreign => Err(DynamicStorageOpenError::InternalError),
         }
     }
 
     fn open_or_create(mut self) -> Result<OwnStorage<T>, DynamicStorageOpenOrCreateError> {
         for _ in 0..MAX_ATTEMPTS {
             match self.find()? {
-                Found::Nothing => match self.create_whole() {
+                Occupant::Nothing => match self.create_whole() {
                     Err(DynamicStorageCreateError::AlreadyExists) => {}
                     result => return Ok(result?),
                 },
-                Found::Own => match self.inner().open(AccessMode::ReadWrite) {
+                Occupant::Own => match self.inner().open(AccessMode::ReadWrite) {
                     Err(DynamicStorageOpenError::DoesNotExist) => {}
                     result => {
                         let storage = result?;
                         return Ok(self.own(storage));
                     }
                 },
-                Found::Foreign => return Err(DynamicStorageOpenError::InternalError.into()),
+                Occupant::Foreign => return Err(DynamicStorageOpenError::InternalError.into()),
             }
         }
         Err(DynamicStorageOpenError::InternalError.into())

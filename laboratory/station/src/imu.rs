@@ -264,7 +264,7 @@ impl SampleSender {
             self.last_progress = Instant::now();
         }
         let Some(acquisition) = &mut self.acquisition else { return };
-        acquisition.follow(raw);
+        acquisition.lag().follow(raw);
         let Ok(mut loan) = acquisition.loan_record(raw) else { return };
         loop {
             loan = match acquisition.send(loan) {

@@ -1,7 +1,7 @@
 //! `status`: shows the status of the running service.
 
 use clap::Args;
-use isotherm_client::transport::stream::configuration;
+use isotherm_client::transport::nodes::configuration_text;
 use isotherm_client::{Domain, Options, check_room, fetch_status, service_pid, unix_s};
 use isotherm_files::{print, print_data};
 use isotherm_shared::status::{
@@ -56,8 +56,7 @@ impl Status {
 
 fn transport_config(domain: &Domain) -> Result<String, Failure> {
     let failed = |cause: String| Failure::new(Exit::Failed, format!("writing the configuration: {cause}"));
-    let config = configuration(domain).map_err(|error| failed(error.to_string()))?;
-    toml::to_string(&config).map_err(|error| failed(error.to_string()))
+    configuration_text(domain).map_err(failed)
 }
 
 fn describe(status: &ServiceStatus) -> String {

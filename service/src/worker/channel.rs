@@ -7,14 +7,10 @@ use crate::worker::counters::CounterWriter;
 use crate::worker::listeners::WakePorts;
 use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
-use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::sample::Sample;
-use iceoryx2::sample_mut::SampleMut;
-use iceoryx2::service::port_factory::event;
-use isotherm_client::transport::stream::{self, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
-use isotherm_client::{Clock, Rehearsal, RehearsalStreams, open_to_group, publish, receive, subscribers_of};
+use iceoryx2::port::subscriber::SubscriberCreateError;
+use isotherm_client::transport::ports::{self, Incoming, Outgoing, Publisher, Subscriber};
+use isotherm_client::transport::stream::{self, Event, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
+use isotherm_client::{Clock, Payload as _, Rehearsal, RehearsalStreams, open_to_group, subscribers_of};
 use isotherm_shared::compensate::answer_into;
 use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
@@ -27,8 +23,6 @@ use std::sync::Arc;
 
 /// After an answer, this many polls that find no raw sample reclaim the samples that readers have returned.
 const RECLAIM_POLLS: u32 = 16;
-
-type LoanedIncrement = SampleMut<Ipc, CompensatedIncrement, ()>;
 
 /// The channel's ends of the queue and the counters that it shares with the control thread.
 pub struct ChannelLink {
@@ -54,11 +48,11 @@ pub struct Channel {
     /// The last sample, copied out of shared memory.
     raw: RawSample,
     /// What is still to be done for the last sample, whose answer is published.
-    unsettled: Option<Unsettled>,
+    unsettled: Option<Settlement>,
     /// Loaned in advance, so that the answer does not wait for the loan.
-    spare: Option<LoanedIncrement>,
-    publisher: Publisher<Ipc, CompensatedIncrement, ()>,
-    subscriber: Subscriber<Ipc, RawSample, ()>,
+    spare: Option<Outgoing<CompensatedIncrement>>,
+    publisher: Publisher<CompensatedIncrement>,
+    subscriber: Subscriber<RawSample>,
     /// Tells readers that wait that an increment is published.
     arrival: Notifier<Ipc>,
     /// For the rehearsals of the acquisition, which cannot create streams.
@@ -66,9 +60,9 @@ pub struct Channel {
 }
 
 /// A sample whose answer is published, but which is not returned and not counted yet.
-struct Unsettled {
+struct Settlement {
     /// Held until its place in shared memory may be used again.
-    sample: Sample<Ipc, RawSample, ()>,
+    sample: Incoming<RawSample>,
     arrival: Arrival,
     flags: Flags,
     latency_ns: u64,
@@ -105,7 +99,7 @@ impl Channel {
         })?;
         let announcer = creator.port(&name("event of the increments"), served, || notifier(&arrival))?;
         let listener = creator.port(&name("listener"), served, || {
-            wake.listener_builder().create().map_err(|error| match error {
+            ports::listener(&wake).map_err(|error| match error {
                 ListenerCreateError::ExceedsMaxSupportedListeners => CreateError::Taken(ports_of_event(&wake)),
                 other => CreateError::Other(other.to_string()),
             })
@@ -126,7 +120,7 @@ impl Channel {
             )
         };
         let subscriber = creator.port(&name("raw subscriber"), crowded, || {
-            raw.subscriber_builder().buffer_size(queue_depth(depth)).create().map_err(|error| match error {
+            RawSample::subscriber(&raw, Some(queue_depth(depth))).map_err(|error| match error {
                 SubscriberCreateError::ExceedsMaxSupportedSubscribers => CreateError::Taken(ports_of(&raw)),
                 other => CreateError::Other(other.to_string()),
             })
@@ -134,7 +128,7 @@ impl Channel {
         // Before the publisher: clients take that for readiness.
         open_to_group(domain);
         let publisher = creator.port(&name("increment publisher"), served, || {
-            let publisher = increments.publisher_builder().max_loaned_samples(1).create();
+            let publisher = CompensatedIncrement::publisher(&increments, 1);
             publisher.map_err(|error| CreateError::of_publisher(error, &increments))
         })?;
         let channel = Self {
@@ -146,7 +140,7 @@ impl Channel {
             sequence: SequenceTracker::after(link.before),
             raw: RawSample::default(),
             unsettled: None,
-            spare: publisher.loan().ok(),
+            spare: CompensatedIncrement::loan(&publisher).ok(),
             publisher,
             subscriber,
             arrival: announcer,
@@ -171,7 +165,7 @@ impl Channel {
     /// the same moment, do not wait for it.
     #[inline]
     pub fn serve(&mut self, clock: &mut Clock) -> Option<u64> {
-        let sample = match receive(&self.subscriber) {
+        let sample = match RawSample::receive(&self.subscriber) {
             Ok(Some(sample)) => sample,
             Ok(None) => {
                 self.settle();
@@ -186,7 +180,7 @@ impl Channel {
         };
         self.settle();
         // There is a spare loan unless the transport failed to give one.
-        let loan = self.spare.take().or_else(|| self.publisher.loan().ok());
+        let loan = self.spare.take().or_else(|| CompensatedIncrement::loan(&self.publisher).ok());
         let Some(mut loan) = loan else {
             self.counters.transport_failed();
             return None;
@@ -205,31 +199,30 @@ impl Channel {
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
         increment.latency_ns = latency_ns;
         increment.flags = flags.0;
-        let published = publish(loan).is_ok();
-        self.unsettled = Some(Unsettled { sample, arrival, flags, latency_ns, published });
+        let published = CompensatedIncrement::publish(loan).is_ok();
+        self.unsettled = Some(Settlement { sample, arrival, flags, latency_ns, published });
         Some(now)
     }
 
     /// Tells the readers that wait that an increment is published.
     pub fn announce(&self) {
         // A reader that misses it looks by itself, after 20 ms at most.
-        let _ = self.arrival.notify();
+        ports::notify(&self.arrival);
     }
 
     /// Whether no raw sample waits.
     #[inline]
     pub fn is_empty(&self) -> bool {
-        !self.subscriber.has_samples().unwrap_or(false)
+        !RawSample::waits(&self.subscriber)
     }
 
     /// Does what is left to do for the last sample that was served: returns it, counts it, and loans the next
     /// increment.
     #[inline]
     pub fn settle(&mut self) {
-        let Some(Unsettled { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
-        // Returning the sample writes to memory that the sender reads, which costs a round trip between the cores.
-        drop(sample);
-        self.spare = self.publisher.loan().ok();
+        let Some(Settlement { sample, arrival, flags, latency_ns, published }) = self.unsettled.take() else { return };
+        RawSample::give_back(sample);
+        self.spare = CompensatedIncrement::loan(&self.publisher).ok();
         self.reclaim_polls_left = RECLAIM_POLLS;
         self.counters.answered(&self.raw, arrival, flags, latency_ns, published);
         // Not before: what is counted is of the table that the sample was answered with.
@@ -253,26 +246,24 @@ impl Channel {
         if let Some(spare) = &mut self.spare {
             *spare.payload_mut() = CompensatedIncrement::default();
         }
-        let _ = self.publisher.update_connections();
-        let _ = self.publisher.loan_uninit();
+        CompensatedIncrement::connect(&self.publisher);
     }
 
     /// Reclaims the samples that readers have returned, while there is nothing else to do.
     ///
     /// The transport would do so before it sends, and the answer would then wait for two cache lines that the reader
-    /// has just written: a sixth of a round trip. This requests a loan over the limit on purpose: it fails, but the
-    /// transport first reclaims returned samples.
+    /// has just written: a sixth of a round trip.
     #[inline]
     fn reclaim(&mut self) {
         if self.reclaim_polls_left > 0 && self.spare.is_some() {
             self.reclaim_polls_left -= 1;
-            let _ = self.publisher.loan_uninit();
+            CompensatedIncrement::reclaim(&self.publisher);
         }
     }
 }
 
-fn notifier(event: &event::PortFactory<Ipc>) -> Result<Notifier<Ipc>, CreateError> {
-    event.notifier_builder().create().map_err(|error| match error {
+fn notifier(event: &Event) -> Result<Notifier<Ipc>, CreateError> {
+    ports::notifier(event).map_err(|error| match error {
         NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(event)),
         other => CreateError::Other(other.to_string()),
     })

@@ -7,6 +7,7 @@ use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use isotherm_client::descriptor;
+use isotherm_client::transport::ports::{lower, notify};
 use isotherm_client::transport::stream::Ipc;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -41,7 +42,7 @@ impl<'a> WakeListeners<'a> {
     /// Raises the event of an IMU: until [`lower`](Self::lower) its senders notify without a system call.
     pub(super) fn raise(&mut self, imu: usize) {
         // If it fails, the sender makes the system call.
-        let _ = self.ports[imu].notifier.notify();
+        notify(&self.ports[imu].notifier);
         self.raised[imu] = true;
     }
 
@@ -51,7 +52,7 @@ impl<'a> WakeListeners<'a> {
         let mut any = false;
         for (ports, raised) in self.ports.iter().zip(&mut self.raised) {
             if core::mem::take(raised) {
-                let _ = ports.listener.try_wait(|_| {});
+                lower(&ports.listener);
                 any = true;
             }
         }
@@ -81,7 +82,7 @@ impl<'a> WakeListeners<'a> {
         if all || notified > 0 {
             for (ports, descriptor) in self.ports.iter().zip(&self.descriptors) {
                 if all || !descriptor.revents().is_empty() {
-                    let _ = ports.listener.try_wait(|_| {});
+                    lower(&ports.listener);
                 }
             }
         }

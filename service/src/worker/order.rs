@@ -9,9 +9,9 @@ pub(super) const STOP: u64 = 1 << 63;
 /// It hands over no data, so its accesses need no order. An order is seen in the end, and what the worker has done is
 /// visible when its thread was joined.
 #[derive(Debug, Default)]
-pub(super) struct Order(AtomicU64);
+pub(super) struct WorkerOrder(AtomicU64);
 
-impl Order {
+impl WorkerOrder {
     pub(super) fn give(&self, order: u64) {
         self.0.store(order, Relaxed);
     }
@@ -34,7 +34,7 @@ mod explored {
     #[test]
     fn explored_orders_are_seen_and_what_was_done_is_visible_after_the_end() {
         explore(|| {
-            let order = Arc::<Order>::default();
+            let order = Arc::<WorkerOrder>::default();
             let ((mut writer, reader), (mut beat, heart)) = (counters(), heartbeat());
             let worker = {
                 let order = Arc::clone(&order);

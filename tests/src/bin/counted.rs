@@ -117,7 +117,7 @@ fn send(imu: &str, samples: u64) {
             // Not part of the sending path, but while the time constant stays it costs no more than that.
             let head = 2.5 + (number % 10) as f64 * 0.01;
             for (sensor, _) in Sensor::NAMES {
-                acquisition.reading(sensor, head, 1_000_000_000 * number);
+                acquisition.lag().read(sensor, head, 1_000_000_000 * number);
             }
             if number.is_multiple_of(2) {
                 acquisition.prepare();

@@ -102,7 +102,7 @@ fn periods_that_were_kept_have_the_lag_of_their_time_and_count_when_they_are_giv
     let mut read = |acquisition: &mut Acquisition, number: u64, head: f64| {
         let time_ns = (number + 1) * PERIOD_NS;
         for (sensor, _) in &Sensor::NAMES[..3] {
-            acquisition.reading(*sensor, head, time_ns);
+            acquisition.lag().read(*sensor, head, time_ns);
             expected.read(*sensor as usize, head, time_ns);
         }
         known.insert(time_ns, expected.sensors[0].unwrap().lagged);

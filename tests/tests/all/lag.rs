@@ -40,7 +40,7 @@ fn send(acquisition: &mut Acquisition, sample: &RawSample) -> CompensatedIncreme
 
 /// Feeds the readings of a sample, then sends it.
 fn feed(acquisition: &mut Acquisition, sample: &RawSample) -> CompensatedIncrement {
-    acquisition.follow(sample);
+    acquisition.lag().follow(sample);
     send(acquisition, sample)
 }
 
@@ -61,7 +61,7 @@ fn increments_are_exact_with_the_time_constant_of_the_service() {
     let exact = table(WHOLE_TABLE);
     let samples = whole_recording(400);
     let mut acquisition = connect(&domain, LagOption::Service, Some(" SN 42\n"));
-    assert_eq!(acquisition.lag().lag_ns, LAG_NS);
+    assert_eq!(acquisition.lag().state().lag_ns, LAG_NS);
     for (sample, complete) in samples.iter().zip(completed(&samples, LAG_NS, "SN 42")) {
         let increment = feed(&mut acquisition, sample);
         assert_exact(&increment, &exact, &complete);
@@ -87,7 +87,7 @@ fn readings_give_the_same_as_samples_that_are_followed() {
         if index % 20 == 0 {
             let heads = [sample.accelerometers.head_temperature, sample.gyroscopes.head_temperature];
             for ((sensor, _), head) in Sensor::NAMES.into_iter().zip(heads.as_flattened()) {
-                acquisition.reading(sensor, *head, sample.timestamp_ns);
+                acquisition.lag().read(sensor, *head, sample.timestamp_ns);
             }
         }
         assert_exact(&send(&mut acquisition, sample), &exact, &complete);
@@ -129,10 +129,10 @@ fn without_readings_and_with_a_sensor_that_is_not_fed_increments_are_flagged() {
     let samples = whole_recording(4);
     assert!(is_lag_unknown(&send(&mut acquisition, &samples[0])), "no readings");
     for sensor in [Sensor::A1, Sensor::A2, Sensor::A3, Sensor::G1, Sensor::G2] {
-        acquisition.reading(sensor, 1.2, 1);
+        acquisition.lag().read(sensor, 1.2, 1);
     }
     assert!(is_lag_unknown(&send(&mut acquisition, &samples[1])), "G3 has a transient term, and no reading");
-    acquisition.reading(Sensor::G3, 1.42, 1);
+    acquisition.lag().read(Sensor::G3, 1.42, 1);
     assert!(!is_lag_unknown(&send(&mut acquisition, &samples[2])));
     service.terminate();
 }
@@ -181,7 +181,7 @@ fn reloads_with_other_time_constants_keep_the_lag() {
                 break;
             }
         }
-        assert_eq!(acquisition.lag().lag_ns, new.lag_ns());
+        assert_eq!(acquisition.lag().state().lag_ns, new.lag_ns());
         flagged.push(count);
     }
     println!("flagged samples after each reload: {flagged:?}");
@@ -238,7 +238,7 @@ fn a_state_of_another_clock_is_not_used() {
     let mut kept = Lag::new(0);
     kept.follow(&RawSample { telemetry_ns: u64::MAX / 2, ..samples[0] });
     let mut acquisition = connect(&domain, LagOption::Service, None);
-    acquisition.restore_lag(&kept);
+    acquisition.lag().restore(&kept);
     // As after a start of the machine: the clock begins again, and the lag is known after three time constants.
     for sample in &samples {
         assert_eq!(is_lag_unknown(&feed(&mut acquisition, sample)), sample.sequence < 60, "{}", sample.sequence);
@@ -272,7 +272,7 @@ fn flags_of_another_cause_are_asked_for_once_a_table_and_occupy_no_place() {
             let increment = feed(&mut acquisition, &samples.next().unwrap());
             assert!(is_lag_unknown(&increment));
             increment.table == table(&text).id()
-                && acquisition.lag().lag_ns == table(&text).lag_ns()
+                && acquisition.lag().state().lag_ns == table(&text).lag_ns()
                 && status_readers(&domain) == 0
         });
         for (count, sample) in samples.by_ref().take(2000).enumerate() {
@@ -294,11 +294,11 @@ fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
     let gyroscopes = [(Sensor::G1, 1.2), (Sensor::G2, 1.3), (Sensor::G3, 1.42)];
     let readings = [readings, gyroscopes].concat();
     let read = |acquisition: &mut Acquisition, offset: f64, time_ns: u64| {
-        readings.iter().for_each(|(sensor, value)| acquisition.reading(*sensor, value + offset, time_ns));
+        readings.iter().for_each(|(sensor, value)| acquisition.lag().read(*sensor, value + offset, time_ns));
     };
     read(&mut acquisition, 0.0, 1);
     read(&mut acquisition, 0.1, 1_000_000_000);
-    let sensors = acquisition.lag().sensors;
+    let sensors = acquisition.lag().state().sensors;
     let new = with_lag("120.0");
     domain.replace("imu-g.toml", &new);
     wait_until("an increment of the new table that is not flagged", || {
@@ -308,7 +308,7 @@ fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
         }
         increment.table == table(&new).id() && !is_lag_unknown(&increment)
     });
-    assert_eq!(*acquisition.lag(), Lag { lag_ns: 120_000_000_000, sensors, boot: boot(), ..Lag::default() });
+    assert_eq!(*acquisition.lag().state(), Lag { lag_ns: 120_000_000_000, sensors, boot: boot(), ..Lag::default() });
     service.terminate();
 }
 
@@ -318,12 +318,12 @@ fn a_service_that_is_stopped_while_an_acquisition_connects_is_asked_later() {
     let service = domain.serve_whole();
     service.stop();
     let mut acquisition = connect(&domain, LagOption::Service, None);
-    assert_eq!(acquisition.lag().lag_ns, 0);
+    assert_eq!(acquisition.lag().state().lag_ns, 0);
     service.resume();
     let mut samples = whole_recording(100_000).into_iter();
     assert!(is_lag_unknown(&feed(&mut acquisition, &samples.next().unwrap())));
     wait_until("the time constant", || !is_lag_unknown(&feed(&mut acquisition, &samples.next().unwrap())));
-    assert_eq!(acquisition.lag().lag_ns, LAG_NS);
+    assert_eq!(acquisition.lag().state().lag_ns, LAG_NS);
     service.terminate();
 }
 
@@ -346,7 +346,7 @@ fn a_table_without_a_lag_keeps_it_for_the_next_one() {
             increment.table == new.id()
         });
     }
-    assert_eq!(*acquisition.lag(), {
+    assert_eq!(*acquisition.lag().state(), {
         let mut model = Lag { boot: boot(), ..Lag::new(LAG_NS) };
         samples[..=last].iter().for_each(|sample| model.follow(sample));
         model
@@ -395,11 +395,11 @@ fn a_table_that_returns_is_asked_for_again() {
         put(&mut acquisition, &mut next, base);
         wait_until("the end of the question", || {
             feed(&mut acquisition, next.next().unwrap());
-            acquisition.lag().lag_ns == table(base).lag_ns() && status_readers(&domain) == 0
+            acquisition.lag().state().lag_ns == table(base).lag_ns() && status_readers(&domain) == 0
         });
         put(&mut acquisition, &mut next, other);
         wait_until("the time constant", || !is_lag_unknown(&feed(&mut acquisition, next.next().unwrap())));
-        assert_eq!(acquisition.lag().lag_ns, LAG_NS);
+        assert_eq!(acquisition.lag().state().lag_ns, LAG_NS);
     }
     service.terminate();
 }
@@ -417,7 +417,7 @@ fn samples_are_resent_with_the_lag_that_they_were_sent_with() {
         // Samples wait for the next service, while the telemetry goes on.
         service.stop();
         for sample in part {
-            acquisition.follow(sample);
+            acquisition.lag().follow(sample);
             let mut loan = acquisition.loan().unwrap();
             *loan = RawSample { session: loan.session, ..*sample };
             acquisition.send(loan).unwrap();
@@ -442,7 +442,7 @@ fn a_sample_that_was_merged_has_the_lag_of_its_last_period() {
     service.stop();
     let mut merged = None::<isotherm_client::Loan>;
     for sample in &samples {
-        acquisition.follow(sample);
+        acquisition.lag().follow(sample);
         let mut loan = match merged.take() {
             Some(mut first) => {
                 first.merge(sample).unwrap();
@@ -490,19 +490,19 @@ fn a_successor_goes_on_with_a_kept_lag() {
     for part in 0..10 {
         let mut acquisition = connect(&domain, LagOption::Service, None);
         if let Some(text) = &kept {
-            acquisition.restore_lag(&serde_json::from_str(text).unwrap());
+            acquisition.lag().restore(&serde_json::from_str(text).unwrap());
         }
         for index in part * 20..(part + 1) * 20 {
             let increment = feed(&mut acquisition, &samples[index]);
             assert_exact(&increment, &exact, &expected[index]);
         }
-        kept = Some(serde_json::to_string(acquisition.lag()).unwrap());
+        kept = Some(serde_json::to_string(acquisition.lag().state()).unwrap());
     }
     // A lag that was kept by an earlier version does not tell the start of the machine.
     let mut old: serde_json::Value = serde_json::from_str(&kept.unwrap()).unwrap();
     assert_eq!(old.as_object_mut().unwrap().remove("boot"), Some(boot().into()));
     let mut acquisition = connect(&domain, LagOption::Service, None);
-    acquisition.restore_lag(&serde_json::from_value(old).unwrap());
+    acquisition.lag().restore(&serde_json::from_value(old).unwrap());
     assert_exact(&feed(&mut acquisition, &samples[199]), &exact, &expected[199]);
     drop(acquisition);
     // Without it a session begins soaked.

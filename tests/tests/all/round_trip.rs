@@ -319,7 +319,7 @@ fn a_round_trip_without_a_service_times_out_and_its_late_answer_is_kept() {
     service.resume();
     let increment = round_trip(&mut acquisition, &sample);
     assert_eq!(increment.velocity_increment, answer(Some(&table(TABLE)), &sample).velocity_increment);
-    assert_eq!((acquisition.in_flight(), acquisition.late_answers()), (0, 1));
+    assert_eq!((acquisition.in_flight(), acquisition.late().waiting()), (0, 1));
     let late = acquisition.receive().unwrap().unwrap();
     assert_eq!((late.sequence + 1, acquisition.receive().unwrap()), (increment.sequence, None));
     service.terminate();
@@ -347,7 +347,7 @@ fn compensate_alone_never_fills() {
         let (sequence, increment) = (loan.sequence, acquisition.compensate(loan, TIMEOUT).unwrap());
         assert_eq!((increment.sequence, increment.flags & Flags::GAP.0, acquisition.in_flight()), (sequence, 0, 0));
     }
-    assert_eq!((acquisition.late_answers(), acquisition.dropped_answers() as usize), (depth, late - depth));
+    assert_eq!((acquisition.late().waiting(), acquisition.late().dropped() as usize), (depth, late - depth));
     let kept: Vec<_> = std::iter::from_fn(|| acquisition.receive().unwrap()).map(|late| late.sequence).collect();
     assert_eq!(kept.len(), depth);
     assert!(kept.is_sorted() && *kept.last().unwrap() == 3 * depth as u64 - 2, "{kept:?}");

@@ -4,17 +4,23 @@
 #![allow(clippy::print_stdout, reason = "the figures are the product")]
 
 use clap::Parser;
-use isotherm_benches::{BenchResult, IMU, TIMEOUT, nearest_rank, no_role, run};
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ImuId, IncrementReader, Options, RawSample, domain, monotonic_ns,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+type NetworkResult<T> = Result<T, Box<dyn Error>>;
+
+/// The IMU whose increments are compared.
+const IMU: &str = "imu-whole";
+/// Longest wait for an answer.
+const TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause between two polls of both sides. Increments of the same poll count as simultaneous.
 const POLL_PAUSE: Duration = Duration::from_micros(50);
 /// A side without increments for this time is reported as silent.
@@ -43,18 +49,18 @@ enum NetworkCommand {
     },
 }
 
-fn main() -> ExitCode {
-    run(no_role, |command| match command {
+fn main() -> NetworkResult<()> {
+    match NetworkCommand::parse() {
         NetworkCommand::Compare { near, far, idle } => compare(&near, &far, Duration::from_secs_f64(idle)),
         NetworkCommand::RoundTrips { near, far, link, blocks } => round_trips(&near, &far, &link, blocks),
-    })
+    }
 }
 
-fn options(name: &str) -> BenchResult<Options> {
+fn options(name: &str) -> NetworkResult<Options> {
     Ok(Options::new(domain(Some(name))?, TIMEOUT))
 }
 
-fn reader(name: &str) -> BenchResult<IncrementReader> {
+fn reader(name: &str) -> NetworkResult<IncrementReader> {
     Ok(IncrementReader::new(IMU.parse::<ImuId>()?, &options(name)?))
 }
 
@@ -137,11 +143,12 @@ fn bits(increment: &CompensatedIncrement) -> [u64; 13] {
 }
 
 fn percentiles(sorted: &[u64], unit: f64) -> String {
-    let at = |part| nearest_rank(sorted, part).unwrap_or_default() as f64 / unit;
+    let rank = |part: f64| ((sorted.len() as f64 * part).ceil() as usize).clamp(1, sorted.len().max(1));
+    let at = |part| sorted.get(rank(part) - 1).copied().unwrap_or_default() as f64 / unit;
     format!("p50 {:.2}, p99 {:.2}, p99.9 {:.2}, max {:.2}", at(0.5), at(0.99), at(0.999), at(1.0))
 }
 
-fn compare(near: &str, far: &str, idle: Duration) -> BenchResult<()> {
+fn compare(near: &str, far: &str, idle: Duration) -> NetworkResult<()> {
     let (mut near, mut far) = (reader(near)?, reader(far)?);
     let (started, mut comparison) = (Instant::now(), TunnelComparison::default());
     let (mut near_at, mut far_at) = (started, started);
@@ -191,7 +198,7 @@ impl Drop for Link {
     }
 }
 
-fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> BenchResult<()> {
+fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> NetworkResult<()> {
     let mut acquisition = Acquisition::connect(&IMU.parse()?, &options(near)?)?;
     let mut times = [Vec::new(), Vec::new()];
     for block in 0..2 * blocks {
@@ -215,7 +222,7 @@ fn round_trips(near: &str, far: &str, link: &Path, blocks: usize) -> BenchResult
 }
 
 /// Round trips at 2 kHz, spinning for the answer.
-fn send(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> BenchResult<()> {
+fn send(acquisition: &mut Acquisition, duration: Duration, times: &mut Vec<u64>) -> NetworkResult<()> {
     let started = Instant::now();
     let mut due = started;
     while started.elapsed() < duration {

@@ -1,0 +1,165 @@
+//! The answers to an acquisition's samples: the next one, or that to one sample, for which the others wait.
+
+use super::Acquisition;
+use crate::loan::{CompensateError, Loan, TransportError, transport};
+use crate::transport::ports::{Payload as _, copied};
+use isotherm_shared::wire::CompensatedIncrement;
+use std::thread;
+use std::time::{Duration, Instant};
+
+impl Acquisition {
+    /// The answer to the oldest unanswered sample, or `None` if it has not come yet. Does not wait.
+    ///
+    /// First come the late answers that [`compensate`](Self::compensate) has kept aside while it waited for a later
+    /// one.
+    ///
+    /// While samples are unanswered it also checks, about every 5 ms, whether the service has been replaced. If so, it
+    /// sends the unanswered samples again.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    #[inline]
+    pub fn receive(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
+        match self.state.next_aside() {
+            Some(answer) => Ok(Some(answer)),
+            None => self.receive_next(),
+        }
+    }
+
+    /// As [`receive`](Self::receive), without what was kept aside.
+    #[inline]
+    fn receive_next(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
+        if let Some(answer) = self.state.next_kept() {
+            self.lag.note(&answer);
+            return Ok(Some(answer));
+        }
+        while let Some(ports) = &mut self.ports
+            && let Some(sample) = CompensatedIncrement::receive(&ports.subscriber)
+                .map_err(|error| transport("receiving an increment", error))?
+        {
+            let answer = copied(&*sample);
+            ports.read = self.leaves_to_prepare.then_some(sample);
+            if self.state.answered(answer.session, answer.sequence, &answer) {
+                self.lag.note(&answer);
+                return Ok(Some(answer));
+            }
+        }
+        if self.state.nothing_came() {
+            self.check_service()?;
+        }
+        Ok(None)
+    }
+
+    /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short
+    /// times.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    pub fn receive_timeout(&mut self, timeout: Duration) -> Result<Option<CompensatedIncrement>, TransportError> {
+        self.wait(timeout, Self::receive)
+    }
+
+    /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
+    ///
+    /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), at
+    /// most [`depth`](Self::depth) of them. [`late`](Self::late) tells of them, and goes on to wait for the increment.
+    ///
+    /// # Errors
+    /// [`CompensateError`].
+    pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
+        let sequence = sample.sequence;
+        // Makes room and checks the service for a caller that never calls `receive`.
+        while self.state.is_full()
+            && let Some(answer) = self.receive_next()?
+        {
+            self.state.keep_aside(answer);
+        }
+        if self.state.is_full() {
+            self.check_service()?;
+        }
+        self.send(sample)?;
+        self.receive_answer(sequence, timeout)?.ok_or(CompensateError::Timeout)
+    }
+
+    /// What [`compensate`](Self::compensate) has left: answers that are late.
+    pub const fn late(&mut self) -> LateAnswers<'_> {
+        LateAnswers(self)
+    }
+
+    /// The answer to the sample with this `sequence`, waiting up to `timeout`. Answers to others are kept aside.
+    fn receive_answer(
+        &mut self,
+        sequence: u64,
+        timeout: Duration,
+    ) -> Result<Option<CompensatedIncrement>, TransportError> {
+        let session = self.session();
+        let is_wanted = |answer: &CompensatedIncrement| (answer.session, answer.sequence) == (session, sequence);
+        if let Some(answer) = self.state.take_aside(is_wanted) {
+            return Ok(Some(answer));
+        }
+        self.wait(timeout, |this| {
+            while let Some(answer) = this.receive_next()? {
+                if is_wanted(&answer) {
+                    return Ok(Some(answer));
+                }
+                this.state.keep_aside(answer);
+            }
+            Ok(None)
+        })
+    }
+
+    fn wait(
+        &mut self,
+        timeout: Duration,
+        mut receive: impl FnMut(&mut Self) -> Result<Option<CompensatedIncrement>, TransportError>,
+    ) -> Result<Option<CompensatedIncrement>, TransportError> {
+        const SPIN: Duration = Duration::from_micros(100);
+        let started = Instant::now();
+        loop {
+            if let Some(answer) = receive(self)? {
+                return Ok(Some(answer));
+            }
+            let waited = started.elapsed();
+            if waited >= timeout {
+                return Ok(None);
+            }
+            if waited < SPIN {
+                core::hint::spin_loop();
+            } else {
+                thread::sleep(Duration::from_micros(20));
+            }
+        }
+    }
+}
+
+/// The answers whose time-out in [`Acquisition::compensate`] has passed: [`Acquisition::receive`] returns those that
+/// have come, in their order. They count neither as in flight nor for a full queue.
+#[derive(Debug)]
+pub struct LateAnswers<'a>(&'a mut Acquisition);
+
+impl LateAnswers<'_> {
+    /// How many have come and wait for [`receive`](Acquisition::receive).
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.0.state.aside()
+    }
+
+    /// How many were dropped because [`depth`](Acquisition::depth) of them waited already.
+    #[must_use]
+    pub const fn dropped(&self) -> u64 {
+        self.0.state.aside_dropped()
+    }
+
+    /// The answer to the sample of this session with this `sequence`, waiting up to `timeout`. Answers to earlier
+    /// samples are kept aside.
+    ///
+    /// # Errors
+    /// If the transport fails.
+    pub fn receive(
+        &mut self,
+        sequence: u64,
+        timeout: Duration,
+    ) -> Result<Option<CompensatedIncrement>, TransportError> {
+        self.0.receive_answer(sequence, timeout)
+    }
+}

@@ -1,0 +1,73 @@
+//! What an acquisition's lag is told.
+
+use crate::lag::{AcquisitionLag, Sensor};
+use crate::transport::stream::IpcNode;
+use isotherm_shared::lag::Lag;
+use isotherm_shared::names::{Domain, ImuId};
+use isotherm_shared::wire::RawSample;
+
+/// The lag of an acquisition's temperatures: [`Acquisition::lag`](crate::Acquisition::lag).
+#[derive(Debug)]
+pub struct LagAccess<'a> {
+    pub(super) lag: &'a mut AcquisitionLag,
+    /// For a look at the status of the service; `None` while the acquisition is cut off.
+    pub(super) node: Option<&'a IpcNode>,
+    pub(super) domain: &'a Domain,
+    pub(super) imu: &'a ImuId,
+}
+
+impl LagAccess<'_> {
+    /// Takes a new reading of a sensor's head temperature, in the table's unit, measured at `time_ns` on the
+    /// acquisition's clock. Every sample that is sent later carries the lagged temperatures of all readings so far.
+    ///
+    /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has
+    /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula.
+    ///
+    /// This is not part of the sending path. If the service has taken a table with another time constant, with
+    /// [`LagOption::Service`], this call and a later one read the status, which allocates and makes system calls, but
+    /// does not wait. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If
+    /// readings are rare, give the last ones again while that is so: a reading with the time of the last is none, but
+    /// it asks.
+    ///
+    /// [`LagOption::Service`]: crate::LagOption::Service
+    pub fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {
+        self.renew();
+        self.lag.read(sensor, temperature, time_ns);
+    }
+
+    /// Takes the readings of a sample of which it is not known whether its temperatures are new, as in a recording: see
+    /// [`Lag::follow`]. Call it before the sample is sent, instead of [`read`](Self::read).
+    pub fn follow(&mut self, sample: &RawSample) {
+        self.renew();
+        self.lag.follow(sample);
+    }
+
+    /// Its state: the time constant, 0 while there is none, and the readings so far. Save it with each reading if a
+    /// successor of this process shall go on with it.
+    #[must_use]
+    pub const fn state(&self) -> &Lag {
+        self.lag.state()
+    }
+
+    /// Goes on with the readings of a lag that was saved, on the same clock, as if the temperatures had gone straight on
+    /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
+    /// than the saved one, which is then of another clock, is unknown as after [`forget`](Self::forget). So are
+    /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
+    /// of the hardware may, set its `boot` to 0.
+    pub fn restore(&mut self, saved: &Lag) {
+        self.lag.restore(saved);
+    }
+
+    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+    /// saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed
+    /// without the transient terms, until the readings span three time constants: [`Lag::unknown`].
+    pub fn forget(&mut self) {
+        self.lag.restore(&Lag::default());
+    }
+
+    fn renew(&mut self) {
+        if let Some(node) = self.node {
+            self.lag.renew(node, self.domain, self.imu);
+        }
+    }
+}
