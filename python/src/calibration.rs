@@ -8,8 +8,8 @@ use crate::table::Table;
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
-    Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, LagChoice, Method,
+    ScaleFactorChoice, TumbleOptions, WarmUpOptions, sha256,
 };
 use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu, no_bar};
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
@@ -102,7 +102,7 @@ pub(crate) fn calibrate(
     if let Some([latitude_deg, height_m]) = options.place {
         campaign = campaign.at_place(Place::new(latitude_deg, height_m).map_err(PyValueError::new_err)?);
     }
-    if campaign.gravity_only != by_hand {
+    if campaign.is_tumble != by_hand {
         let message = match by_hand {
             true => format!("{name} has no method = \"gravity-only\"; use calibrate"),
             false => format!("{name} has method = \"gravity-only\"; use calibrate_gravity_only"),
@@ -244,7 +244,7 @@ impl Options {
         let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
-            at_one_attitude: OneAttitudeOptions {
+            at_one_attitude: WarmUpOptions {
                 on_board: Vec::new(),
                 order: self.order,
                 highest_order: None,
@@ -265,7 +265,7 @@ impl Options {
                 predecessor_lag_s: None,
                 ..CalibrationOptions::default()
             },
-            by_hand: GravityOnlyOptions {
+            by_hand: TumbleOptions {
                 window_s: self.window,
                 order: self.order,
                 scale_factor: *choice,

@@ -5,11 +5,11 @@
 //!
 //! Over 400 lines: the records of the section, key by key; those of ramps are in `transients`.
 
-mod one_attitude;
 mod origin;
 mod source;
 mod transients;
 mod unit;
+mod warm_up;
 
 pub use origin::{CurveErrors, Origin, TableFile};
 pub(crate) use source::ReadRecord;
@@ -18,10 +18,10 @@ pub use source::{CampaignSource, now, tool};
 use crate::accuracy::{Accuracy, largest_interval};
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};
-use crate::one_attitude::OneAttitudeCalibration;
 use crate::ramps::RampCalibration;
 use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
+use crate::warm_up::WarmUpCalibration;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -51,12 +51,12 @@ pub(crate) fn sealed_ramp_table(
 }
 
 /// The text of the table file of recordings at one attitude.
-pub(crate) fn sealed_one_attitude_table(
+pub(crate) fn sealed_warm_up_table(
     campaign: &Campaign,
-    calibration: &OneAttitudeCalibration,
+    calibration: &WarmUpCalibration,
     source: &CampaignSource,
 ) -> Result<String, String> {
-    sealed(campaign, calibration.table(), one_attitude::section(campaign, calibration, source))
+    sealed(campaign, calibration.table(), warm_up::section(campaign, calibration, source))
 }
 
 /// The text of `table` with digest and `provenance`, read back.

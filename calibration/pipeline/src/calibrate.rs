@@ -7,13 +7,13 @@ use indicatif::ProgressBar;
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_files::{Trust, load_table_text};
 use isotherm_fit::{
-    CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
-    OneAttitudeOptions, RampRecording, TumbleRecording, observable, read_measurements, sha256,
+    CalibrationData, CalibrationError, CalibrationOptions, CalibrationOutcome, CampaignSource, Measurements,
+    RampRecording, TumbleOptions, TumbleRecording, WarmUpOptions, observable, read_measurements, sha256,
 };
 use isotherm_recording::{CampaignRow, LogImu, Marks, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
-use isotherm_report::{fitted, json};
+use isotherm_report::{json, outcome};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
 use isotherm_support::failure::{Exit, Failure};
@@ -26,9 +26,9 @@ pub struct FitOptions {
     /// Of a campaign on a turntable, and of ramps.
     pub turntable: CalibrationOptions,
     /// Of an IMU that was put down by hand.
-    pub by_hand: GravityOnlyOptions,
+    pub by_hand: TumbleOptions,
     /// Of recordings at one attitude.
-    pub at_one_attitude: OneAttitudeOptions,
+    pub at_one_attitude: WarmUpOptions,
     /// Whether the findings that a diagnosis explains are listed too.
     pub symptoms: bool,
     /// How recordings are read where other programs wrote them; not of a turntable.
@@ -59,7 +59,7 @@ impl<F: Into<Failure>> From<F> for Refused {
 #[derive(Clone, Debug)]
 pub struct Inputs {
     /// The measurements.
-    pub measured: Measured,
+    pub measured: CalibrationData,
     /// Where they come from.
     pub from: Origin,
 }
@@ -91,7 +91,7 @@ pub struct Origin {
 #[derive(Clone, Debug)]
 pub struct Made {
     /// The calibration.
-    pub fitted: Fitted,
+    pub fitted: CalibrationOutcome,
     /// The text of the table file, sealed, with its provenance.
     pub table: String,
     /// Where it comes from.
@@ -125,11 +125,11 @@ impl Inputs {
             ..Origin::default()
         };
         let imu = ImuChoice::Prefer(campaign.imu.clone());
-        if campaign.gravity_only {
+        if campaign.is_tumble {
             let input = Input::from((imu, options.foreign.clone())).within(options.part);
             let reader = Reader { input, bar };
             let recordings = from.take(reader.tumbles(samples)?);
-            return Ok(Self { measured: Measured::GravityOnly(recordings, options.by_hand.clone()), from });
+            return Ok(Self { measured: CalibrationData::Tumble(recordings, options.by_hand.clone()), from });
         }
         let reader = Reader { input: Input::from(imu).within(options.part), bar };
         let Some(file) = file else {
@@ -146,9 +146,9 @@ impl Inputs {
         let options = options.turntable.clone();
         let measured = match curves {
             Some((curves, curves_have_errors)) => {
-                Measured::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
+                CalibrationData::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
             }
-            None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
+            None => CalibrationData::Campaign(Measurements { ramps, ..measurements }, options),
         };
         Ok(Self { measured, from })
     }
@@ -183,8 +183,8 @@ impl Inputs {
             None => of_readings.map_err(needs_nominal).and_then(|found| nominal_of(found, gravity))?,
         };
         let content = nominal.content();
-        let campaign = Campaign::one_attitude(imu.clone(), content.gravity, &content.temperature_unit, &names);
-        let measured = Measured::OneAttitude(recordings, Box::new(nominal), options.at_one_attitude.clone());
+        let campaign = Campaign::warm_up(imu.clone(), content.gravity, &content.temperature_unit, &names);
+        let measured = CalibrationData::WarmUp(recordings, Box::new(nominal), options.at_one_attitude.clone());
         Ok((campaign, Self { measured, from }))
     }
 
@@ -194,7 +194,7 @@ impl Inputs {
     /// If the data do not allow a valid table.
     pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<Made, Refused> {
         let Self { measured, from } = self;
-        let fitted = Fitted::fit(campaign, measured).map_err(|error| from.refused(error, file))?;
+        let fitted = CalibrationOutcome::fit(campaign, measured).map_err(|error| from.refused(error, file))?;
         let source = CampaignSource {
             campaign: file.map(CampaignFile::name).unwrap_or_default(),
             campaign_sha256: file.map_or_else(String::new, |file| sha256(file.text.as_bytes())),
@@ -238,19 +238,19 @@ impl Made {
     /// What was found, in lines.
     #[must_use]
     pub fn text(&self) -> String {
-        fitted::text(&self.fitted)
+        outcome::text(&self.fitted)
     }
 
     /// What was found, as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        fitted::json(&self.fitted, |line| self.places.locate(line))
+        outcome::json(&self.fitted, |line| self.places.locate(line))
     }
 
     /// The report as HTML.
     #[must_use]
     pub fn html(&self, campaign: &Campaign) -> String {
-        fitted::html(campaign, &self.fitted, &self.source, &|line| self.places.locate(line))
+        outcome::html(campaign, &self.fitted, &self.source, &|line| self.places.locate(line))
     }
 
     /// The findings, a line each.

@@ -13,7 +13,7 @@ pub(super) use arguments::Calibrate;
 use isotherm_campaign::{Campaign, IMU};
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, print_data};
-use isotherm_fit::{AlignmentChoice, CalibrationOptions, GravityOnlyOptions};
+use isotherm_fit::{AlignmentChoice, CalibrationOptions, TumbleOptions};
 use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Made, Refused, Source, propose};
 use isotherm_support::failure::{Exit, Failure, printable, tell};
 use isotherm_support::finding::name;
@@ -114,13 +114,13 @@ impl Calibrate {
 
     /// The table of one IMU.
     fn fit(&self, campaign: &Campaign, samples: &[PathBuf], file: Option<&CampaignFile>) -> Result<Made, Refused> {
-        if campaign.gravity_only {
+        if campaign.is_tumble {
             self.refuse_turntable()?;
         } else {
             self.without_turntable.refuse_options()?;
             self.refuse_foreign()?;
         }
-        let options = self.options(campaign.gravity_only)?;
+        let options = self.options(campaign.is_tumble)?;
         // Those that the campaign file names are read as it says.
         let are_named = self.samples.is_empty() && file.is_some();
         let samples = if are_named { Vec::new() } else { Source::files(samples) };
@@ -236,7 +236,7 @@ impl Calibrate {
             ..CalibrationOptions::default()
         };
         let args = &self.without_turntable;
-        options.by_hand = GravityOnlyOptions {
+        options.by_hand = TumbleOptions {
             window_s: args.window.map(|window| window.as_secs_f64()),
             order,
             scale_factor: args.scale_factor.unwrap_or_default(),

@@ -12,7 +12,9 @@ use super::runner::stopped_by;
 use super::samples::file_of;
 use isotherm_client::{Options, fetch_status};
 use isotherm_files::{Installation, StagedText, print};
-use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice, now, tool};
+use isotherm_fit::{
+    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CalibrationOutcome, LagChoice, now, tool,
+};
 use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Run, no_bar};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
@@ -296,7 +298,7 @@ impl Finish {
         let texts = vec![write(TABLE, "toml", &made.table)?, write("calibration", "html", &made.html(&campaign))?];
         StagedText::finish_together(texts)?;
         match made.fitted {
-            Fitted::Campaign(calibration) => Ok((*calibration, made.table)),
+            CalibrationOutcome::Campaign(calibration) => Ok((*calibration, made.table)),
             _ => Err(Failure::new(Exit::Failed, "an automatic campaign has positions")),
         }
     }

@@ -2,8 +2,8 @@
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod campaign;
-mod gravity_only;
 mod gyroscopes;
 mod mistakes;
-mod one_attitude;
 mod transients;
+mod tumble;
+mod warm_up;

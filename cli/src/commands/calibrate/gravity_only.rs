@@ -33,7 +33,7 @@ impl Calibrate {
         let place = args.latitude.zip(args.height).and_then(|(latitude, height)| Place::new(latitude, height).ok());
         let gravity_local = args.gravity_local.or(place.map(Place::normal_gravity))?;
         let gravity = [gravity_local, args.gravity_reference?];
-        let campaign = Campaign::gravity_only(args.imu.clone()?, gravity, args.temperature_unit.as_deref()?);
+        let campaign = Campaign::tumble(args.imu.clone()?, gravity, args.temperature_unit.as_deref()?);
         let campaign = match place {
             Some(place) if args.gravity_local.is_some() => campaign.at_place(place),
             Some(place) => campaign.with_normal_gravity(place),

@@ -8,7 +8,7 @@ use isotherm_autopilot::{Autopilot, ExportOptions, Exported, HIGHEST_ORDER, Para
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_files::{LoadError, StagedText, Trust, load_table, read_parameters, refuse_overlap};
-use isotherm_fit::{LagChoice, OnBoard, OneAttitudeOptions};
+use isotherm_fit::{LagChoice, OnBoard, WarmUpOptions};
 use isotherm_pipeline::{FitOptions, Inputs, Made, Refused, Source, Vehicle, VehicleImu};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
@@ -110,7 +110,7 @@ impl Calibrate {
         Ok(all.map(one).collect::<Result<_, _>>()?)
     }
 
-    fn options_at_one_attitude(&self) -> OneAttitudeOptions {
+    fn options_at_one_attitude(&self) -> WarmUpOptions {
         let args = &self.at_one_attitude;
         let exports = !args.export.is_empty();
         let cubics = args.beside.iter().filter_map(|beside| match beside {
@@ -119,7 +119,7 @@ impl Calibrate {
         });
         // An autopilot has no lag.
         let unless_given = if exports { LagChoice::None } else { LagChoice::Search };
-        OneAttitudeOptions {
+        WarmUpOptions {
             order: match self.order {
                 PolynomialOrder::Auto => None,
                 PolynomialOrder::Fixed(order) => Some(order),
