@@ -1,7 +1,7 @@
 //! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
 //! ramps of the temperature, and an IMU that is put down by hand.
 //!
-//! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
+//! This crate opens no file, starts no thread and reads no clock: the time of a calibration is told.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -64,7 +64,7 @@ pub use noise::noise_of_dwells;
 pub use one_stage::{OneStageError, solve};
 pub use options::{CalibrationOptions, Method};
 pub use outcome::{CalibrationData, CalibrationOutcome};
-pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};
+pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, sha256, tool};
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
 pub use rest::{LeftOutCause, LeftOutPart, RowAccount};

@@ -5,11 +5,9 @@ use crate::calibrate::calibrate;
 use crate::error::CalibrationError;
 use crate::gyroscopes::Measurements;
 use crate::options::CalibrationOptions;
-use crate::provenance::{CampaignSource, sealed_ramp_table, sealed_table, sealed_warm_up_table};
 use crate::ramps::{RampCalibration, calibrate_ramps};
 use crate::result::Calibration;
 use crate::transients::RampRecording;
-use crate::tumble::provenance::sealed_tumble_table;
 use crate::tumble::{TumbleCalibration, TumbleOptions, TumbleRecording, calibrate_tumble};
 use crate::warm_up::{WarmUpCalibration, WarmUpOptions, calibrate_warm_up};
 use isotherm_campaign::Campaign;
@@ -47,7 +45,7 @@ pub enum CalibrationData {
 ///     campaign: "campaign.toml".to_owned(),
 ///     campaign_sha256: sha256(text.as_bytes()),
 ///     samples_sha256: sha256(samples),
-///     ..CampaignSource::now()
+///     ..CampaignSource::at("2026-01-01T00:00:00Z")
 /// };
 /// let file = TableFile::from_toml("imu-paper.toml", &fitted.sealed(&campaign, &source)?)?;
 /// assert_eq!(file.table, *fitted.table());
@@ -125,19 +123,6 @@ impl CalibrationOutcome {
             Self::Ramps(found) => found.accuracy(),
             Self::WarmUp(found) => found.accuracy(),
             Self::Tumble(found) => format!("residuals {:.2}e-6 g0 rms", found.residual_rms() * 1e6),
-        }
-    }
-
-    /// The text of the table file: the sealed table and its provenance. The text is read back and compared.
-    ///
-    /// # Errors
-    /// If the text does not give the same table, or if the provenance cannot be written.
-    pub fn sealed(&self, campaign: &Campaign, source: &CampaignSource) -> Result<String, String> {
-        match self {
-            Self::Campaign(found) => sealed_table(campaign, found, source),
-            Self::Ramps(found) => sealed_ramp_table(campaign, found, source),
-            Self::WarmUp(found) => sealed_warm_up_table(campaign, found, source),
-            Self::Tumble(found) => sealed_tumble_table(campaign, found, source),
         }
     }
 }

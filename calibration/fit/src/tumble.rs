@@ -22,7 +22,6 @@ mod likelihood;
 mod model;
 mod noise;
 mod options;
-pub(crate) mod provenance;
 pub(crate) mod reading;
 mod recording;
 mod reduced;

@@ -203,7 +203,7 @@ impl Inputs {
             rows: from.rows,
             part: from.part,
             log_imu: from.log_imu,
-            ..CampaignSource::now()
+            ..CampaignSource::at(crate::now())
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
         Ok(Made { fitted, table, source, places: from.places, notes: from.notes })

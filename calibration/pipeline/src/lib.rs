@@ -20,6 +20,7 @@
 //! ```
 
 mod calibrate;
+mod clock;
 mod files;
 mod laid_out;
 mod proposal;
@@ -28,6 +29,7 @@ mod vehicle;
 mod verify;
 
 pub use calibrate::{FitOptions, Inputs, Made, Origin, Refused};
+pub use clock::now;
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
 pub use samples::{PositionFile, Source};

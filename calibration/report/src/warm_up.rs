@@ -173,15 +173,8 @@ view! { TriedView<'a>(tried: &'a TriedOrder, found: &WarmUpCalibration) {
     order: usize = tried.order,
     terms: &'a [f64] = &tried.terms,
     /// By bias, in its unit.
-    errors: Vec<f64> = of_biases(tried, found),
+    errors: Vec<f64> = found.errors_of(tried),
 }}
-
-/// The errors of an order, by bias, in m/s2 and rad/s.
-fn of_biases(tried: &TriedOrder, found: &WarmUpCalibration) -> Vec<f64> {
-    let gravity = found.table().content().gravity;
-    let all = tried.errors.iter().zip(&found.biases);
-    all.map(|(error, bias)| TriadUnits::of(bias.kind).si(*error, gravity).0).collect()
-}
 
 view! {
 /// The figures are in its `unit`.
@@ -438,6 +431,6 @@ fn orders(page: &mut Page, calibration: &WarmUpCalibration) {
             format!("{} / ({unit})", bias.name())
         };
         let caption = "Standard deviation of what is left of sweeps left out, by order";
-        table(caption, header(&with_unit), &|it| of_biases(it, calibration));
+        table(caption, header(&with_unit), &|it| calibration.errors_of(it));
     }
 }

@@ -6,8 +6,8 @@ use isotherm_analysis::{ComparisonRequirement, compare};
 use isotherm_files::{
     LoadError, StagedText, Trust, check_stdout, check_written, print, print_data, read_text, refuse_overlap,
 };
-use isotherm_fit::{TableFile, now, tool};
-use isotherm_pipeline::Refused;
+use isotherm_fit::{TableFile, tool};
+use isotherm_pipeline::{Refused, now};
 use isotherm_report::comparison::{ComparisonSource, document, html, text};
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};

@@ -12,10 +12,8 @@ use super::runner::stopped_by;
 use super::samples::file_of;
 use isotherm_client::{Options, fetch_status};
 use isotherm_files::{Installation, StagedText, print};
-use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CalibrationOutcome, LagChoice, now, tool,
-};
-use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Run, no_bar};
+use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CalibrationOutcome, LagChoice, tool};
+use isotherm_pipeline::{CampaignFile, FitOptions, Inputs, Run, no_bar, now};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;

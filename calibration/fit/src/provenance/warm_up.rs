@@ -1,170 +1,94 @@
 //! The provenance of recordings at one attitude: how the order was chosen, and what the curves leave, in m/s2 and
 //! rad/s.
 
+use super::document::view;
 use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
 use crate::rest::{LeftOutPart, RowAccount};
 use crate::screen::BadKind;
 use crate::sensor::TriadUnits;
-use crate::warm_up::{BiasCurve, Spread, TriedOrder, WarmUpCalibration};
+use crate::warm_up::{BiasCurve, TriedOrder, WarmUpCalibration};
 use isotherm_campaign::Campaign;
-use serde::Serialize;
 
-#[derive(Serialize)]
-struct File<'a> {
-    provenance: Section<'a>,
-}
-
-#[derive(Serialize)]
-struct Section<'a> {
-    tool: &'a str,
-    time: &'a str,
-    method: &'static str,
-    accuracy: String,
-    not_known: Vec<String>,
-    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    rows: Vec<String>,
+view! { pub(super) WarmUpProvenance<'a>(
+    campaign: &'a Campaign, calibration: &'a WarmUpCalibration, source: &'a CampaignSource
+) {
+    tool: &'a str = &source.tool,
+    time: &'a str = &source.time,
+    method: &'static str = "one-attitude",
+    accuracy: String = calibration.accuracy(),
+    not_known: Vec<String> = calibration.not_known(),
     #[serde(flatten)]
-    read: ReadRecord<'a>,
+    read: ReadRecord<'a> = ReadRecord::of(source),
     /// The table that gave everything but the bias curves.
-    nominal_digest: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    gravity_local: Option<f64>,
-    order: usize,
-    order_given: bool,
+    nominal_digest: String = calibration.ramps.curves.digest().to_string(),
+    gravity_local: Option<f64> = calibration.ramps.curves.gravity_local(),
+    order: usize = calibration.order.order,
+    order_given: bool = calibration.order.given,
     /// What was left out to try it, one at a time, and how many.
-    left_out: &'static str,
-    left_out_count: usize,
-    reference_temperature: f64,
-    accepted: &'a [&'static str],
-    warnings: Vec<String>,
-    recording: Vec<RowsRecord<'a>>,
-    tried: Vec<TriedRecord>,
-    curve: Vec<CurveRecord>,
-    transients: TransientsRecord<'a>,
-}
+    left_out: &'static str = if calibration.order.sweeps_left_out > 0 { "sweeps" } else { "none" },
+    left_out_count: usize = calibration.order.sweeps_left_out,
+    reference_temperature: f64 = calibration.at,
+    accepted: &'a [&'static str] = &calibration.ramps.accepted,
+    warnings: Vec<String> = calibration.ramps.findings.iter().map(ToString::to_string).collect(),
+    recording: Vec<RowsRecord<'a>> = calibration.rows.iter().map(RowsRecord::of).collect(),
+    tried: Vec<TriedRecord> = calibration.order.tried.iter().map(|tried| TriedRecord::of(tried, calibration)).collect(),
+    curve: Vec<CurveRecord> = calibration.biases.iter().map(|bias| CurveRecord::new(bias, calibration.gravity())).collect(),
+    transients: TransientsRecord<'a> = TransientsRecord::of(campaign, &calibration.ramps.transients, source),
+}}
 
+view! {
 /// What was used of the rows of a recording.
-#[derive(Serialize)]
-struct RowsRecord<'a> {
-    name: &'a str,
-    rows: usize,
+RowsRecord<'a>(account: &'a RowAccount) {
+    name: &'a str = &account.recording,
+    rows: usize = account.rows,
     /// Begin and end of what is used, since it began.
-    used_s: &'a [[f64; 2]],
+    used_s: &'a [[f64; 2]] = &account.used_s,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    left_out: Vec<LeftOutRecord>,
+    left_out: Vec<LeftOutRecord> = account.left_out.iter().map(LeftOutRecord::of).collect(),
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    bad_rows: Vec<BadRecord>,
-}
+    bad_rows: Vec<BadRecord> = account.bad.counts().into_iter().map(|(kind, count)| BadRecord::of(kind, count)).collect(),
+}}
 
-#[derive(Serialize)]
-struct LeftOutRecord {
-    cause: &'static str,
-    age_s: [f64; 2],
-}
+view! { LeftOutRecord(part: &LeftOutPart) {
+    cause: &'static str = part.cause.words(),
+    age_s: [f64; 2] = part.age_s,
+}}
 
-#[derive(Serialize)]
-struct BadRecord {
-    kind: &'static str,
-    count: usize,
-}
+view! { BadRecord(kind: BadKind, count: usize) {
+    kind: &'static str = kind.name(),
+    count: usize = count,
+}}
 
-#[derive(Serialize)]
-struct TriedRecord {
-    order: usize,
+view! { TriedRecord(tried: &TriedOrder, calibration: &WarmUpCalibration) {
+    order: usize = tried.order,
     /// The highest term by bias, in standard errors.
-    terms: Vec<f64>,
+    terms: Vec<f64> = tried.terms.clone(),
     /// What is left of sweeps left out by bias, in the unit of its curve.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    errors: Vec<f64>,
+    errors: Vec<f64> = calibration.errors_of(tried),
+}}
+
+impl CurveRecord {
+    fn new(bias: &BiasCurve, gravity: f64) -> Self {
+        let units = TriadUnits::of(bias.kind);
+        Self::of(bias, units.si(0.0, gravity).1, &|value| units.si(value, gravity).0)
+    }
 }
 
-#[derive(Serialize)]
-struct CurveRecord {
-    axis: &'static str,
-    unit: &'static str,
+view! { CurveRecord(bias: &BiasCurve, unit: &'static str, si: &dyn Fn(f64) -> f64) {
+    axis: &'static str = bias.name(),
+    unit: &'static str = unit,
     /// Of the means of bins, about their mean.
-    before_sd: f64,
-    before_largest: f64,
-    after_sd: f64,
-    after_largest: f64,
+    before_sd: f64 = si(bias.before.sd),
+    before_largest: f64 = si(bias.before.largest),
+    after_sd: f64 = si(bias.after.sd),
+    after_largest: f64 = si(bias.after.largest),
     /// Largest half width of the 95 % interval that the noise gives.
-    interval_95: f64,
+    interval_95: f64 = si(bias.interval),
     /// How far the curve is off at most if the element is 60 s behind its telemetry.
-    behind_60_s: f64,
+    behind_60_s: f64 = si(bias.behind),
     /// Half of the largest difference of two sweeps, and the telemetry there.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    band: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    band_at: Option<f64>,
-}
-
-/// The text of the section.
-pub(super) fn section(
-    campaign: &Campaign,
-    calibration: &WarmUpCalibration,
-    source: &CampaignSource,
-) -> Result<String, toml::ser::Error> {
-    let gravity = calibration.table().content().gravity;
-    toml::to_string(&File {
-        provenance: Section {
-            tool: &source.tool,
-            time: &source.time,
-            method: "one-attitude",
-            accuracy: calibration.accuracy(),
-            not_known: calibration.not_known(),
-            rows: source.marks(),
-            read: source.read(),
-            nominal_digest: calibration.ramps.curves.digest().to_string(),
-            gravity_local: calibration.ramps.curves.gravity_local(),
-            order: calibration.order.order,
-            order_given: calibration.order.given,
-            left_out: if calibration.order.sweeps_left_out > 0 { "sweeps" } else { "none" },
-            left_out_count: calibration.order.sweeps_left_out,
-            reference_temperature: calibration.at,
-            accepted: &calibration.ramps.accepted,
-            warnings: calibration.ramps.findings.iter().map(ToString::to_string).collect(),
-            recording: calibration.rows.iter().map(rows).collect(),
-            tried: calibration.order.tried.iter().map(|it| tried(it, &calibration.biases, gravity)).collect(),
-            curve: calibration.biases.iter().map(|bias| curve(bias, gravity)).collect(),
-            transients: TransientsRecord::of(campaign, &calibration.ramps.transients, source),
-        },
-    })
-}
-
-fn rows(account: &RowAccount) -> RowsRecord<'_> {
-    let left_out = |part: &LeftOutPart| LeftOutRecord { cause: part.cause.words(), age_s: part.age_s };
-    let bad = |(kind, count): (BadKind, usize)| BadRecord { kind: kind.name(), count };
-    RowsRecord {
-        name: &account.recording,
-        rows: account.rows,
-        used_s: &account.used_s,
-        left_out: account.left_out.iter().map(left_out).collect(),
-        bad_rows: account.bad.counts().into_iter().map(bad).collect(),
-    }
-}
-
-fn tried(tried: &TriedOrder, biases: &[BiasCurve], gravity: f64) -> TriedRecord {
-    let si = |(error, bias): (&f64, &BiasCurve)| TriadUnits::of(bias.kind).si(*error, gravity).0;
-    let errors = tried.errors.iter().zip(biases).map(si).collect();
-    TriedRecord { order: tried.order, terms: tried.terms.clone(), errors }
-}
-
-fn curve(bias: &BiasCurve, gravity: f64) -> CurveRecord {
-    let units = TriadUnits::of(bias.kind);
-    let si = |value: f64| units.si(value, gravity).0;
-    let [before, after] = [bias.before, bias.after].map(|Spread { sd, largest }| [si(sd), si(largest)]);
-    CurveRecord {
-        axis: bias.name(),
-        unit: units.si(0.0, gravity).1,
-        before_sd: before[0],
-        before_largest: before[1],
-        after_sd: after[0],
-        after_largest: after[1],
-        interval_95: si(bias.interval),
-        behind_60_s: si(bias.behind),
-        band: bias.band.as_ref().map(|band| si(band.half_width)),
-        band_at: bias.band.as_ref().map(|band| band.at),
-    }
-}
+    band: Option<f64> = bias.band.as_ref().map(|band| si(band.half_width)),
+    band_at: Option<f64> = bias.band.as_ref().map(|band| band.at),
+}}

@@ -2,6 +2,7 @@
 
 use super::options::WarmUpOptions;
 use super::order::OrderChoice;
+use super::order::TriedOrder;
 use crate::ramps::RampCalibration;
 use crate::rest::RowAccount;
 use crate::sensor::TriadUnits;
@@ -161,9 +162,22 @@ impl WarmUpCalibration {
         )
     }
 
+    /// The value of 1 g0 \[m/s2\].
+    #[must_use]
+    pub fn gravity(&self) -> f64 {
+        self.table().content().gravity
+    }
+
+    /// What an order leaves of sweeps left out, by bias, in m/s2 and rad/s.
+    #[must_use]
+    pub fn errors_of(&self, tried: &TriedOrder) -> Vec<f64> {
+        let all = tried.errors.iter().zip(&self.biases);
+        all.map(|(error, bias)| TriadUnits::of(bias.kind).si(*error, self.gravity()).0).collect()
+    }
+
     /// A figure of each bias in m/s2 or rad/s.
     fn sizes(&self, of: impl Fn(&BiasCurve) -> f64) -> String {
-        let gravity = self.table().content().gravity;
+        let gravity = self.gravity();
         let size = |it: &BiasCurve| format!("{} {}", it.name(), TriadUnits::of(it.kind).si_text(of(it), gravity));
         self.biases.iter().map(size).collect::<Vec<_>>().join(", ")
     }
