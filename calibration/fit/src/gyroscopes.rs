@@ -14,10 +14,16 @@
 mod checks;
 mod data;
 pub(crate) mod earth;
-pub(crate) mod fit;
+mod elimination;
+mod fit;
+mod input;
+mod model;
 pub(crate) mod observability;
 pub(crate) mod result;
+mod rotation;
 pub(crate) mod runs;
+mod set_points;
+pub(crate) mod solution;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
 pub use runs::{FittedRun, Measurements, Place, read_measurements};
@@ -35,16 +41,20 @@ use crate::sensor::TriadUnits;
 use crate::table::gyroscope_axes;
 use data::Data;
 use earth::{EarthCheck, LeftOver};
-use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values, reduce, solve};
+use fit::solve;
+use input::GyroscopeRun;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable, Gyroscopes};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
 use isotherm_support::finding::Finding;
+use model::{GyroscopeCurves, GyroscopeModel};
 use nalgebra::{DVector, Matrix3};
 use observability::TriadObservability;
 use runs::GyroscopeRuns;
+use set_points::{ReducedSetPoint, corrected_values, reduce};
+use solution::TriadSolution;
 
 /// Fits the gyroscopes of a campaign, whose accelerometers are fitted, and writes them into the table.
 pub(crate) fn add_gyroscopes(
@@ -118,7 +128,7 @@ fn estimate(
 /// The outlying runs, by index and gyroscope, and what is to be said of the fit.
 fn quality(
     data: &Data<'_>,
-    runs: &[Run<'_>],
+    runs: &[GyroscopeRun<'_>],
     places: &[FittedRun],
     reduced: &[ReducedSetPoint],
     orders: &[[OrderTable; 3]; AXES],
@@ -148,7 +158,7 @@ fn quality(
 /// A set point by itself, from the curves `start`.
 fn reduce_set_point(
     data: &Data<'_>,
-    runs: &[Run<'_>],
+    runs: &[GyroscopeRun<'_>],
     index: usize,
     start: &GyroscopeCurves,
 ) -> Result<ReducedSetPoint, CalibrationError> {
@@ -170,7 +180,7 @@ fn reduce_set_point(
 fn fit_runs(
     ranges: &[[[f64; 2]; 2]; AXES],
     options: &CalibrationOptions,
-    runs: &[Run<'_>],
+    runs: &[GyroscopeRun<'_>],
     reduced: &[ReducedSetPoint],
 ) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
@@ -201,7 +211,11 @@ fn fit_runs(
 }
 
 /// Curves through the values of the set points, and the means of everything else.
-fn two_stage(runs: &[Run<'_>], reduced: &[ReducedSetPoint], curves: &GyroscopeCurves) -> Option<TriadSolution> {
+fn two_stage(
+    runs: &[GyroscopeRun<'_>],
+    reduced: &[ReducedSetPoint],
+    curves: &GyroscopeCurves,
+) -> Option<TriadSolution> {
     let n = reduced.len() as f64;
     let mean = |value: &dyn Fn(&ReducedSetPoint) -> f64| {
         let mean = reduced.iter().map(value).sum::<f64>() / n;
@@ -210,7 +224,7 @@ fn two_stage(runs: &[Run<'_>], reduced: &[ReducedSetPoint], curves: &GyroscopeCu
     };
     let constants = [0, 1, 2].map(|axis| [3, 4, 5, 6, 7].map(|k| mean(&|part| part.values[axis][k])));
     let earth = [0, 1].map(|k| mean(&|part| part.earth.unwrap_or_default()[k]));
-    fit::JointModel::new(runs, reduced.len(), curves).fixed(constants, earth)
+    GyroscopeModel::new(runs, reduced.len(), curves).fixed(constants, earth)
 }
 
 /// The table of both triads. Both get an alignment matrix, or neither.

@@ -29,6 +29,7 @@ mod diagnosis;
 mod effects;
 mod error;
 mod gyroscopes;
+mod joint;
 mod level;
 mod noise;
 mod one_stage;
@@ -56,7 +57,7 @@ pub use calibrate::{calibrate, observable};
 
 pub use checks::{check, set_points};
 pub use error::CalibrationError;
-pub use gyroscopes::fit::GyroscopeSolution;
+pub use gyroscopes::solution::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;
 pub use gyroscopes::runs::implausible;
 pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};

@@ -1,9 +1,10 @@
 //! What the calibration of the gyroscopes found.
 
 use super::earth::{EarthCheck, LeftOver};
-use super::fit::{ReducedSetPoint, TriadSolution};
 use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
+use super::set_points::ReducedSetPoint;
+use super::solution::TriadSolution;
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{OrderTable, largest, student_quantile};
