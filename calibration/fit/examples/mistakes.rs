@@ -19,7 +19,7 @@ mod matrix;
 
 use gate::{ANGLES_DEG, Good, Installation, WRONG, faults, gate, install, true_error};
 use isotherm_fit::{AlignmentChoice, CalibrationOptions};
-use matrix::{Case, Expected, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
+use matrix::{Case, ExpectedOutcome, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::ExitCode;
 
@@ -125,12 +125,15 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     totals.refused += refused;
     totals.failed |= named as u64 != SEEDS;
     let words = match mistake.expected {
-        Expected::Refused(_) => format!("{named} of {SEEDS}"),
-        Expected::Warned(_) | Expected::WarnedAlone(_) => format!("{named} of {SEEDS}, a warning"),
-        Expected::Invisible(why) => format!("invisible in a campaign: {why}"),
-        Expected::InPrinciple(why) => format!("invisible in principle, in campaign and run: {why}"),
+        ExpectedOutcome::Refused(_) => format!("{named} of {SEEDS}"),
+        ExpectedOutcome::Warned(_) | ExpectedOutcome::WarnedAlone(_) => format!("{named} of {SEEDS}, a warning"),
+        ExpectedOutcome::Invisible(why) => format!("invisible in a campaign: {why}"),
+        ExpectedOutcome::InPrinciple(why) => format!("invisible in principle, in campaign and run: {why}"),
     };
-    if matches!(mistake.expected, Expected::Refused(_) | Expected::Warned(_) | Expected::WarnedAlone(_)) {
+    if matches!(
+        mistake.expected,
+        ExpectedOutcome::Refused(_) | ExpectedOutcome::Warned(_) | ExpectedOutcome::WarnedAlone(_)
+    ) {
         totals.named += named;
     }
     let tried: Vec<_> = (cases.iter().zip(&outcomes))
@@ -149,7 +152,7 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     let [wrong, installed] = count(&made);
     totals.made += made.len();
     totals.wrong += wrong;
-    let in_principle = matches!(mistake.expected, Expected::InPrinciple(_) | Expected::WarnedAlone(_));
+    let in_principle = matches!(mistake.expected, ExpectedOutcome::InPrinciple(_) | ExpectedOutcome::WarnedAlone(_));
     *if in_principle { &mut totals.in_principle } else { &mut totals.installed } += installed;
     totals.failed |= installed > 0 && !in_principle;
     let anyway: Vec<_> = tried.iter().filter_map(|(_, anyway)| anyway.as_ref()).collect();

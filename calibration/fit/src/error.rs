@@ -63,7 +63,7 @@ pub enum CalibrationError {
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
-    /// The standstills of an IMU that was put down by hand do not give a table.
+    /// The static poses of an IMU that was put down by hand do not give a table.
     #[error(transparent)]
     Tumble(#[from] TumbleError),
     /// The result is not a valid table.

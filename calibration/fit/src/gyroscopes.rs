@@ -53,7 +53,7 @@ use model::{GyroscopeCurves, GyroscopeModel};
 use nalgebra::{DVector, Matrix3};
 use observability::TriadObservability;
 use runs::GyroscopeRuns;
-use set_points::{ReducedSetPoint, corrected_values, reduce};
+use set_points::{SetPointReduction, corrected_values, reduce};
 use solution::TriadSolution;
 
 /// Fits the gyroscopes of a campaign, whose accelerometers are fitted, and writes them into the table.
@@ -130,14 +130,14 @@ fn quality(
     data: &Data<'_>,
     runs: &[GyroscopeRun<'_>],
     places: &[FittedRun],
-    reduced: &[ReducedSetPoint],
+    reduced: &[SetPointReduction],
     orders: &[[OrderTable; 3]; AXES],
     solution: &TriadSolution,
 ) -> (Vec<(usize, usize)>, Vec<Finding>) {
     let triad = FittedTriad {
         units: TriadUnits::of(SensorKind::Gyroscope),
         orders,
-        set_points: reduced.iter().map(ReducedSetPoint::sensors).collect(),
+        set_points: reduced.iter().map(SetPointReduction::sensors).collect(),
         places: places.iter().map(|run| run.place).collect(),
         residuals: &solution.residuals,
     };
@@ -161,7 +161,7 @@ fn reduce_set_point(
     runs: &[GyroscopeRun<'_>],
     index: usize,
     start: &GyroscopeCurves,
-) -> Result<ReducedSetPoint, CalibrationError> {
+) -> Result<SetPointReduction, CalibrationError> {
     let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: data.set_points_c[index], deficiency };
     let turns: Vec<_> = data.turns.iter().filter(|(place, _)| *place == index).collect();
     // Turns may have been left out.
@@ -181,7 +181,7 @@ fn fit_runs(
     ranges: &[[[f64; 2]; 2]; AXES],
     options: &CalibrationOptions,
     runs: &[GyroscopeRun<'_>],
-    reduced: &[ReducedSetPoint],
+    reduced: &[SetPointReduction],
 ) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
     let rules = OrderRules::gyroscopes();
@@ -192,7 +192,7 @@ fn fit_runs(
         };
         [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
     };
-    let values = |reduced: &ReducedSetPoint| {
+    let values = |reduced: &SetPointReduction| {
         [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
     };
     let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
@@ -213,11 +213,11 @@ fn fit_runs(
 /// Curves through the values of the set points, and the means of everything else.
 fn two_stage(
     runs: &[GyroscopeRun<'_>],
-    reduced: &[ReducedSetPoint],
+    reduced: &[SetPointReduction],
     curves: &GyroscopeCurves,
 ) -> Option<TriadSolution> {
     let n = reduced.len() as f64;
-    let mean = |value: &dyn Fn(&ReducedSetPoint) -> f64| {
+    let mean = |value: &dyn Fn(&SetPointReduction) -> f64| {
         let mean = reduced.iter().map(value).sum::<f64>() / n;
         let variance = reduced.iter().map(|part| (value(part) - mean).powi(2)).sum::<f64>() / (n - 1.0);
         (mean, (variance / n).sqrt())

@@ -57,15 +57,15 @@ pub use calibrate::{calibrate, observable};
 
 pub use checks::{check, set_points};
 pub use error::CalibrationError;
-pub use gyroscopes::solution::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;
 pub use gyroscopes::runs::implausible;
+pub use gyroscopes::solution::GyroscopeSolution;
 pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
 pub use noise::noise_of_dwells;
 pub use one_stage::{OneStageError, solve};
 pub use options::{CalibrationOptions, Method};
 pub use outcome::{CalibrationData, CalibrationOutcome};
-pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, sha256, tool};
+pub use provenance::{CampaignSource, CurveErrors, HashingStream, Origin, TableFile, sha256, tool};
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
 pub use rest::{LeftOutCause, LeftOutPart, RowAccount};
@@ -80,7 +80,7 @@ pub use triad::CalibratedTriad;
 pub use tumble::reading::Reading;
 pub use tumble::{
     Evidence, Groups, ScaleFactorChoice, TumbleCalibration, TumbleError, TumbleOptions, TumbleRecording,
-    calibrate_tumble, error_of_length, errors_of_means, telemetry_steps,
+    calibrate_tumble, error_of_magnitude, errors_of_means, telemetry_steps,
 };
 pub use warm_up::{
     BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OrderChoice, Spread, SweepPoint, SweepSpan, TriedOrder,

@@ -14,7 +14,7 @@ mod tumble;
 mod turntable;
 mod warm_up;
 
-pub use hash::{Hashed, sha256};
+pub use hash::{HashingStream, sha256};
 pub use origin::{CurveErrors, Origin, TableFile};
 pub use source::{CampaignSource, tool};
 

@@ -99,7 +99,7 @@ pub fn calibrate_warm_up(
     }
     let bin = if zero_of(&nominal.content().temperature_unit).is_some() { 1.0 } else { (high - low) / WIDE };
     let order = choice.order;
-    let made = Made { ramps: &ramps, sweeps: &parts, at, bin, options };
+    let made = CurveContext { ramps: &ramps, sweeps: &parts, at, bin, options };
     let curve = |(bias, scatter): (&Series, &Scatter)| made.curve(bias, *scatter, order);
     let biases: Option<Vec<BiasCurve>> = series.iter().zip(&scatters).map(curve).collect();
     let biases = biases.ok_or_else(|| few(order))?;
@@ -191,7 +191,7 @@ fn span(series: &[Series], part: &Part) -> Option<SweepSpan> {
 }
 
 /// What the curves are made with.
-struct Made<'a> {
+struct CurveContext<'a> {
     ramps: &'a RampCalibration,
     sweeps: &'a [Part],
     at: f64,
@@ -199,7 +199,7 @@ struct Made<'a> {
     options: &'a WarmUpOptions,
 }
 
-impl Made<'_> {
+impl CurveContext<'_> {
     /// The curve of a bias; `None` if its telemetry does not determine it.
     fn curve(&self, bias: &Series, scatter: Scatter, order: usize) -> Option<BiasCurve> {
         let shape = bias.fit(&bias.whole(), order, Weight::Scatter(scatter))?;

@@ -12,7 +12,6 @@ use isotherm_shared::table::{AXIS_NAMES, GRAVITY_ONLY, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, Curve, QUANTITIES, student_quantile_of};
 use serde_json::Value;
-use std::fmt::Write as _;
 
 /// What no calibration without a turntable shows.
 const NOT_OBSERVABLE: &str = "not observable without a turntable: a rotation of the sensors in the housing, a reversed sign, exchanged axes; output axis 3 is along A3, output axis 2 in the \
@@ -20,88 +19,92 @@ const NOT_OBSERVABLE: &str = "not observable without a turntable: a rotation of 
 /// Intervals between the points of a drawn curve.
 const CURVE_INTERVALS: usize = 60;
 
-/// A calibration in a few lines, then a line for each standstill.
+/// A calibration in a few lines, then a line for each static pose.
 #[must_use]
 pub fn text(calibration: &TumbleCalibration) -> String {
-    let TumbleCalibration { readings, too_short, groups, unknowns, reasons, freedom, .. } = calibration;
-    let levels = groups.levels;
-    let mut text = format!(
-        "{} standstills in {} at {levels} {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
+    let mut text = choices(calibration);
+    text.extend(within(calibration.losses, "the recordings"));
+    text += &values_at_mid_telemetry(calibration);
+    text.extend(largest_bands(calibration));
+    text += &evidence(calibration);
+    text + &static_poses(calibration)
+}
+
+/// What there is, and what was chosen.
+fn choices(calibration: &TumbleCalibration) -> String {
+    let TumbleCalibration { readings, too_short, groups, unknowns, reasons, .. } = calibration;
+    format!(
+        "{} standstills in {} at {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
         readings.len(),
         counted(groups.count, "group", "groups"),
-        if levels == 1 { "temperature" } else { "temperatures" },
+        counted(groups.levels, "temperature", "temperatures"),
         calibration.table.digest(),
         unknowns.order,
         reasons[0],
         if unknowns.split { "K+ and K-" } else { "one K, K- = -K+" },
         reasons[1],
-    );
-    text.extend(within(calibration.losses, "the recordings"));
-    // Writing to a String cannot fail.
-    let _ = writeln!(
-        text,
-        "  at mid telemetry, 95 %    bias / 1e-6 g0           K+ / (pulse/(s*g0))          K- / (pulse/(s*g0))"
-    );
+    )
+}
+
+fn values_at_mid_telemetry(calibration: &TumbleCalibration) -> String {
+    let mut text =
+        "  at mid telemetry, 95 %    bias / 1e-6 g0           K+ / (pulse/(s*g0))          K- / (pulse/(s*g0))\n"
+            .to_owned();
     for (axis, name) in AXIS_NAMES.iter().enumerate() {
-        let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
-        let _ = writeln!(
-            text,
-            "  {name:<22} {:>20} {:>27} {:>28}",
-            with_interval(bias, 1e6, 2),
-            with_relative(plus),
-            with_relative(minus)
-        );
+        let [bias, plus, minus] = mid_in_words(calibration, axis);
+        text += &format!("  {name:<22} {bias:>20} {plus:>27} {minus:>28}\n");
     }
     for (name, value, error) in misalignments(calibration) {
         let interval = error.map(|error| error * student_quantile_of(CONFIDENCE, calibration.misalignment_freedom));
-        let _ = writeln!(text, "  {name} {} [1e-6 rad]", with_interval((value, interval), 1e6, 2));
+        text += &format!("  {name} {} [1e-6 rad]\n", with_interval((value, interval), 1e6, 2));
     }
-    let worst =
-        |quantity, relative| (0..3).map(|axis| largest_band(&calibration.curves[axis][quantity], relative)).collect();
-    let largest = |all: Vec<Option<f64>>| all.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)));
-    if let (Some(bias), Some(plus), Some(minus)) =
-        (largest(worst(0, false)), largest(worst(1, true)), largest(worst(2, true)))
-    {
-        let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
-        let _ = writeln!(
-            text,
-            "  largest 95 % band for each whole curve over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm",
-            bias * 1e6,
-            plus.max(minus) * 1e6
-        );
-    }
-    let _ = writeln!(
-        text,
-        "{}  residuals {:.2}e-6 g0 rms, {freedom} degrees of freedom{}\n  D sqrt(n) {:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}",
-        normal_gravity(calibration).map_or_else(String::new, |gravity| format!("  local gravity {gravity}\n")),
+    text
+}
+
+/// The largest bands of the whole curves, if all are known.
+fn largest_bands(calibration: &TumbleCalibration) -> Option<String> {
+    let largest = |quantity: usize, relative: bool| {
+        let bands = calibration.curves.iter().map(|curves| largest_band(&curves[quantity], relative));
+        bands.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)))
+    };
+    let (bias, plus, minus) = (largest(0, false)?, largest(1, true)?, largest(2, true)?);
+    let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
+    Some(format!(
+        "  largest 95 % band for each whole curve over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm\n",
+        bias * 1e6,
+        plus.max(minus) * 1e6
+    ))
+}
+
+/// How well the static poses agree, and what they cannot show.
+fn evidence(calibration: &TumbleCalibration) -> String {
+    let dilution = calibration.dilution.times_root_n;
+    let mut text =
+        normal_gravity(calibration).map_or_else(String::new, |gravity| format!("  local gravity {gravity}\n"));
+    text += &format!(
+        "  residuals {:.2}e-6 g0 rms, {} degrees of freedom{}\n  D sqrt(n) {dilution:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}\n",
         calibration.residual_rms() * 1e6,
+        calibration.freedom,
         shared(calibration),
-        calibration.dilution.times_root_n,
-        calibration.dilution.times_root_n / (readings.len() as f64).sqrt()
+        dilution / (calibration.readings.len() as f64).sqrt()
     );
-    if let Some(rates) = calibration.gyroscope_rates() {
-        let _ = writeln!(
-            text,
-            "  gyroscopes, mean over the standstills: {:.4} {:.4} {:.4} pulse/s; Earth's rate is in it, and nothing of them goes into the table",
-            rates[0], rates[1], rates[2]
+    if let Some([g1, g2, g3]) = calibration.gyroscope_rates() {
+        text += &format!(
+            "  gyroscopes, mean over the standstills: {g1:.4} {g2:.4} {g3:.4} pulse/s; Earth's rate is in it, and nothing of them goes into the table\n"
         );
     }
-    let _ = writeln!(
-        text,
-        "\n  standstill    start / s   length / s   specific force A1 A2 A3 / g0   head telemetry   residual / 1e-6 g0"
-    );
-    for ((reading, force), residual) in readings.iter().zip(&calibration.forces).zip(&calibration.residuals) {
-        let _ = writeln!(
-            text,
-            "  {:>10} {:>12.2} {:>12.2}   {:>8.4} {:>8.4} {:>8.4} {:>18.3} {:>20.2}",
-            reading.number,
-            reading.start_s,
-            reading.seconds,
-            force[0],
-            force[1],
-            force[2],
-            head(reading),
-            residual * 1e6
+    text
+}
+
+fn static_poses(calibration: &TumbleCalibration) -> String {
+    let mut text =
+        "\n  standstill    start / s   length / s   specific force A1 A2 A3 / g0   head telemetry   residual / 1e-6 g0\n".to_owned();
+    let poses = calibration.readings.iter().zip(&calibration.forces).zip(&calibration.residuals);
+    for ((reading, [a1, a2, a3]), residual) in poses {
+        let Reading { number, start_s, seconds, .. } = reading;
+        let (head, residual) = (head(reading), residual * 1e6);
+        text += &format!(
+            "  {number:>10} {start_s:>12.2} {seconds:>12.2}   {a1:>8.4} {a2:>8.4} {a3:>8.4} {head:>18.3} {residual:>20.2}\n"
         );
     }
     text
@@ -123,7 +126,7 @@ fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// What the standstills of a group share.
+/// What the static poses of a group share.
 fn shared(calibration: &TumbleCalibration) -> String {
     let Some(evidence) = &calibration.evidence else { return String::new() };
     let walk = format!("bias walks {:.1}e-6 g0 in a tumble", evidence.walk_bias * 1e6);
@@ -141,6 +144,12 @@ fn shared(calibration: &TumbleCalibration) -> String {
 fn mid(calibration: &TumbleCalibration, axis: usize, quantity: usize) -> (f64, Option<f64>) {
     let (curve, telemetry) = (&calibration.curves[axis][quantity], calibration.mid(axis, quantity));
     (curve.at(telemetry), curve.interval(telemetry, CONFIDENCE))
+}
+
+/// Bias, K+ and K- of an axis at mid telemetry, with their 95 % intervals.
+fn mid_in_words(calibration: &TumbleCalibration, axis: usize) -> [String; 3] {
+    let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
+    [with_interval(bias, 1e6, 2), with_relative(plus), with_relative(minus)]
 }
 
 fn with_interval((value, interval): (f64, Option<f64>), factor: f64, decimals: usize) -> String {
@@ -259,17 +268,8 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     let title = format!("Calibration of {} without a turntable", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
     page.heading(2, "result", "Result");
-    let rows: Vec<Vec<Cell>> = (0..3)
-        .map(|axis| {
-            let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
-            vec![
-                Cell::text(AXIS_NAMES[axis]),
-                Cell::text(with_interval(bias, 1e6, 2)),
-                Cell::text(with_relative(plus)),
-                Cell::text(with_relative(minus)),
-            ]
-        })
-        .collect();
+    let cells = |axis: usize| core::iter::once(AXIS_NAMES[axis].to_owned()).chain(mid_in_words(calibration, axis));
+    let rows: Vec<Vec<Cell>> = (0..AXES).map(|axis| cells(axis).map(Cell::text).collect()).collect();
     let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
     page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
     page.key_values(&[

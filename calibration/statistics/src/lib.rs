@@ -22,6 +22,7 @@ mod double_double;
 mod hysteresis;
 mod largest;
 mod least_squares;
+mod mean;
 mod order;
 mod regression;
 mod student;
@@ -33,6 +34,7 @@ pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use largest::{largest, root};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares, pseudo_inverse};
+pub use mean::{mean, rms};
 pub use order::{OrderTable, PureError, QUANTITIES, Rule, choose, default_order};
 pub use regression::{
     DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,

@@ -4,7 +4,7 @@ use super::common::{Acceptance, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
+use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
 use isotherm_client::ImuId;
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap};
 use isotherm_pipeline::{INSTANCE, Vehicle, VehicleImu};
@@ -218,7 +218,7 @@ impl Convert {
                 }
                 return Ok(false);
             }
-            if begin.len() < LENGTH_ROWS {
+            if begin.len() < MAGNITUDE_ROWS {
                 begin.push(sample);
             }
             if let Err(error) = file.write(&sample) {
@@ -284,7 +284,7 @@ impl Convert {
                     return Err(needs_session(path));
                 }
                 last = sample.session;
-                if begin.len() < LENGTH_ROWS {
+                if begin.len() < MAGNITUDE_ROWS {
                     begin.push(sample);
                 }
                 if let Some(file) = written.last_mut()
@@ -346,7 +346,7 @@ fn needs_session(path: &Path) -> Failure {
 
 /// The specific force at rest in the first rows, if it is far from gravity.
 fn length_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> Option<Finding> {
-    table.and_then(|table| length_at_rest(table, begin)).map(Finding::warned)
+    table.and_then(|table| magnitude_at_rest(table, begin)).map(Finding::warned)
 }
 
 /// A file that is being written.

@@ -21,7 +21,7 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure, printable, shown, tell};
 use isotherm_support::finding::name;
 use isotherm_verification::{
-    EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
+    EarthRate, Estimate, ExercisedChannels, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
 };
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -223,7 +223,7 @@ impl Finish {
             causes.extend(gate.refuses_table(calibration, in_force).into_iter().map(|refusal| refusal.cause));
         }
         let (mut refused_runs, mut failed) = (Vec::new(), Vec::new());
-        let mut exercised = Exercised::default();
+        let mut exercised = ExercisedChannels::default();
         for (index, run) in plan.run_files().into_iter().enumerate() {
             check_stop_signal(stop_signal)?;
             let attitude = verify.attitude(index);
@@ -386,7 +386,7 @@ impl FittedTable {
         recording: &Path,
         setup: &Setup,
         gate: Option<&Gate>,
-        exercised: &mut Exercised,
+        exercised: &mut ExercisedChannels,
     ) -> Result<(Option<LargestError>, Option<String>), Failure> {
         let table = &self.calibration.table;
         // What the runs leave out is judged of all together.

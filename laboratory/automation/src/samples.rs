@@ -23,7 +23,7 @@ use super::plan::{MAX_ROW_DEG, Plan};
 use isotherm_campaign::implausible;
 use isotherm_client::{Options, Realtime, Tap, TapSettings};
 use isotherm_files::{Trust, read_text, replace};
-use isotherm_fit::{Hashed, implausible as gyroscopes_implausible};
+use isotherm_fit::{HashingStream, implausible as gyroscopes_implausible};
 use isotherm_instruments::{Moment, Time};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::names::{ImuId, StreamKind};
@@ -262,7 +262,7 @@ pub struct SampleRecorder<'p> {
 }
 
 /// The file of a unit, buffered, with the hash of what is written.
-type Sink = Hashed<BufWriter<File>>;
+type Sink = HashingStream<BufWriter<File>>;
 
 /// The unit in progress.
 struct OpenUnit {
@@ -519,7 +519,7 @@ impl<'p> SampleRecorder<'p> {
         file.set_len(kept)?;
         let layout = if kept == 0 { self.layout() } else { layout_of(&file)? };
         file.seek(SeekFrom::Start(kept))?;
-        let sink = Hashed::new(BufWriter::new(file));
+        let sink = HashingStream::new(BufWriter::new(file));
         let leading = if unit.has_own_file() { "session" } else { "set_point_c,position,session" };
         if kept == 0 {
             RawCsvWriter::with_layout(sink, leading, true, layout)

@@ -3,7 +3,7 @@
 use super::earth::{EarthCheck, LeftOver};
 use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
-use super::set_points::ReducedSetPoint;
+use super::set_points::SetPointReduction;
 use super::solution::TriadSolution;
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
@@ -23,7 +23,7 @@ pub struct GyroscopeCalibration {
     /// What positions and turns determine.
     pub observability: TriadObservability,
     /// Each set point reduced by itself.
-    pub reduced: Vec<ReducedSetPoint>,
+    pub reduced: Vec<SetPointReduction>,
     /// The order tables, by gyroscope and quantity, with leave-one-set-point-out errors.
     pub orders: [[OrderTable; 3]; AXES],
     /// The estimate that the table is made of.

@@ -9,7 +9,7 @@ use isotherm_shared::wire::AXES;
 
 /// One set point reduced by itself: D, K+, K-, two misalignments and three g-sensitivities of each gyroscope.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ReducedSetPoint {
+pub struct SetPointReduction {
     /// D \[deg/h\], K+, K- \[pulse/arcsec\], m, m \[rad\], s, s, s \[deg/h/g0\], by gyroscope.
     pub values: [[f64; PARAMETERS]; AXES],
     /// Their standard errors, from the scatter within the set point.
@@ -26,7 +26,7 @@ pub struct ReducedSetPoint {
     pub condition: f64,
 }
 
-impl ReducedSetPoint {
+impl SetPointReduction {
     /// What both triads have.
     pub(crate) fn sensors(&self) -> [ReducedSensor<'_>; AXES] {
         [0, 1, 2].map(|axis| ReducedSensor {
@@ -39,7 +39,7 @@ impl ReducedSetPoint {
 }
 
 /// Reduces the runs of one set point. `start` has constant curves.
-pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Result<ReducedSetPoint, OneStageError> {
+pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Result<SetPointReduction, OneStageError> {
     let mut model = GyroscopeModel::new(runs, 1, start);
     let step = model.converge(&vec![true; runs.len()])?;
     let unknown = |axis: usize| -> [usize; PARAMETERS] {
@@ -59,7 +59,7 @@ pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Resu
         });
         terms.sum()
     };
-    Ok(ReducedSetPoint {
+    Ok(SetPointReduction {
         values: [0, 1, 2].map(|axis| unknown(axis).map(|j| model.unknown[j])),
         standard_errors: [0, 1, 2].map(|axis| unknown(axis).map(|j| residual_sd * step.inverse[(j, j)].sqrt())),
         telemetry: [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| effective(axis, quantity))),
@@ -75,14 +75,14 @@ pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Resu
 /// keeps its reduced values.
 pub(super) fn corrected_values(
     runs: &[GyroscopeRun<'_>],
-    reduced: &[ReducedSetPoint],
+    reduced: &[SetPointReduction],
     start: &GyroscopeCurves,
 ) -> Result<Vec<SetPointValues>, OneStageError> {
     let mut model = GyroscopeModel::new(runs, reduced.len(), start);
     let counted = vec![true; runs.len()];
     let step = model.converge(&counted)?;
     let solution = model.solution(&step, &counted);
-    let values = |(set_point, reduced): (usize, &ReducedSetPoint)| {
+    let values = |(set_point, reduced): (usize, &SetPointReduction)| {
         let deviations = model.deviations(set_point, &step, &counted);
         [0, 1, 2].map(|axis| {
             [0, 1, 2].map(|quantity| {

@@ -23,22 +23,22 @@ fn hexadecimal(bytes: &[u8]) -> String {
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_fit::{Hashed, sha256};
+/// use isotherm_fit::{HashingStream, sha256};
 /// use std::io::Write as _;
 ///
-/// let mut file = Hashed::new(Vec::new());
+/// let mut file = HashingStream::new(Vec::new());
 /// file.write_all(b"abc")?;
 /// assert_eq!(file.finish(), (b"abc".to_vec(), sha256(b"abc")));
 /// # Ok(())
 /// # }
 /// ```
 #[derive(Debug)]
-pub struct Hashed<T> {
+pub struct HashingStream<T> {
     inner: T,
     hash: Sha256,
 }
 
-impl<T> Hashed<T> {
+impl<T> HashingStream<T> {
     /// Wraps `inner`, from which nothing has been read or written yet.
     pub fn new(inner: T) -> Self {
         Self { inner, hash: Sha256::new() }
@@ -51,7 +51,7 @@ impl<T> Hashed<T> {
     }
 }
 
-impl<R: Read> Read for Hashed<R> {
+impl<R: Read> Read for HashingStream<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.inner.read(buffer)?;
         self.hash.update(buffer.get(..count).unwrap_or_default());
@@ -59,7 +59,7 @@ impl<R: Read> Read for Hashed<R> {
     }
 }
 
-impl<W: Write> Write for Hashed<W> {
+impl<W: Write> Write for HashingStream<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.inner.write(bytes)?;
         self.hash.update(bytes.get(..count).unwrap_or_default());

@@ -5,7 +5,7 @@ use super::gyroscopes::{GyroscopeProvenance, GyroscopeSetPointRecord};
 use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
 use crate::accuracy::Accuracy;
-use crate::reduce::Reduced;
+use crate::reduce::SensorReduction;
 use crate::result::Calibration;
 use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_campaign::Campaign;
@@ -89,7 +89,7 @@ view! { CurveRecord<'a>(triad: &CalibratedTriad<'a>, axis: usize, quantity: usiz
 
 view! {
 /// A set point reduced by itself.
-SetPointRecord(set_point_c: f64, axis: &'static str, reduced: &Reduced) {
+SetPointRecord(set_point_c: f64, axis: &'static str, reduced: &SensorReduction) {
     set_point_c: f64 = set_point_c,
     axis: &'static str = axis,
     head: f64 = reduced.telemetry[0],

@@ -15,15 +15,15 @@ const MAX_CONDITION: f64 = 30.0;
 /// Most attitudes that are named.
 const NAMED: usize = 6;
 
-/// The attitudes of some standstills.
+/// The attitudes of some static poses.
 pub(super) struct Attitudes {
     /// One direction for each.
     directions: Vec<Vector3<f64>>,
 }
 
 impl Attitudes {
-    /// Finds them, about the centre of the ellipsoid where the standstills show it. The effort is linear in the number
-    /// of standstills, as a sphere has room for some 500 attitudes.
+    /// Finds them, about the centre of the ellipsoid where the static poses show it. The effort is linear in the number
+    /// of static poses, as a sphere has room for some 500 attitudes.
     pub(super) fn of(readings: &[Reading], gravity: f64) -> Self {
         let known = ellipsoid(readings, gravity).filter(|found| found.is_closed && found.condition < MAX_CONDITION);
         let direction = |reading: &Reading| {

@@ -3,8 +3,10 @@
 use super::model::{Ellipsoid, ellipsoid};
 use super::reading::Reading;
 use super::recording::TumbleRecording;
-use super::stated::Ranges;
-use super::weighted::Weighted;
+use super::choice::TumbleFit;
+use super::estimates::Ranges;
+use super::groups::Groups;
+use super::weighted::WeightedFit;
 use isotherm_campaign::{Campaign, joint_range};
 use isotherm_recording::{Continuity, share_rows};
 use isotherm_shared::table::AXIS_NAMES;
@@ -26,10 +28,10 @@ const MUCH_WIDER: f64 = 1.5;
 const NO_CELSIUS: f64 = 150.0;
 /// No IMU is as hot \[K\]: thousandths of a degree are larger.
 const NO_KELVIN: f64 = 1000.0;
-/// Probability that a standstill is named as off by chance.
+/// Probability that a static pose is named as off by chance.
 const OUTLIER: f64 = 0.01;
 
-/// What is wrong with the recordings, before a standstill is searched.
+/// What is wrong with the recordings, before a static pose is searched.
 pub(super) fn of_recordings(
     campaign: &Campaign,
     recordings: &[TumbleRecording],
@@ -74,7 +76,7 @@ fn interval(recording: &TumbleRecording, continuity: &Continuity) -> Option<Find
     Some(continuity.interval()?.finding().at(recording.place()))
 }
 
-/// What is wrong with the standstills, before anything is fitted: readings about a centre that no bias explains.
+/// What is wrong with the static poses, before anything is fitted: readings about a centre that no bias explains.
 pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding> {
     let found @ Ellipsoid { bias, scale_factor, condition, is_closed } = ellipsoid(readings, gravity)?;
     if let Some(finding) = zeroed(&found, gravity) {
@@ -115,7 +117,7 @@ fn zeroed(found: &Ellipsoid, gravity: f64) -> Option<Finding> {
     })
 }
 
-/// A range of the table far beyond the telemetry of the standstills.
+/// A range of the table far beyond the telemetry of the static poses.
 pub(super) fn unmeasured(ranges: &Ranges, measured: &Ranges) -> Option<Finding> {
     let joint = |all: &Ranges| joint_range(all.iter().flatten().copied());
     let [[low, high], [from, to]] = [joint(ranges), joint(measured)];
@@ -142,7 +144,7 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
     })
 }
 
-/// Standstills that were left out because the IMU turned in them: the mean of a specific force that turns by theta is
+/// Static poses that were left out because the IMU turned in them: the mean of a specific force that turns by theta is
 /// theta^2/24 too short.
 pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
     (turned > 0).then(|| {
@@ -154,13 +156,13 @@ pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
     })
 }
 
-/// Standstills that no chance explains: each is judged by what the others say under the fit's covariance and by their
+/// Static poses that no chance explains: each is judged by what the others say under the fit's covariance and by their
 /// scatter, at 1 % shared among all.
 ///
 /// ```text
 /// P = V^-1 - V^-1 J C J'V^-1,   off_i = (P f)_i / P_ii,   t_i^2 = off_i^2 P_ii (m - 1) / (f'P f - off_i^2 P_ii)
 /// ```
-pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Finding> {
+pub(super) fn outliers(readings: &[Reading], weighted: &WeightedFit<'_>) -> Vec<Finding> {
     let unknowns = weighted.unknown.len();
     let Some(freedom) = readings.len().checked_sub(unknowns).filter(|freedom| *freedom > 2) else {
         return Vec::new();
@@ -176,7 +178,7 @@ pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Fin
     let limit = student_quantile(1.0 - OUTLIER / readings.len() as f64, freedom - 1);
     let shown = |(i, reading): (usize, &Reading)| {
         let left = projector(i);
-        // A standstill that the others do not check has no residual.
+        // A static pose that the others do not check has no residual.
         if left < 1e-6 * whole[i] {
             return None;
         }
@@ -193,4 +195,41 @@ pub(super) fn outliers(readings: &[Reading], weighted: &Weighted<'_>) -> Vec<Fin
         })
     };
     readings.iter().enumerate().filter_map(shown).collect()
+}
+
+/// Nothing is left to judge the table by.
+pub(super) fn no_freedom(poses: usize) -> Finding {
+    let message = format!(
+        "{poses} standstills for {poses} unknowns: nothing is left to judge the table by, so there are no standard errors; put the \
+         IMU down in more attitudes"
+    );
+    Finding::warning(name::NO_FREEDOM, message)
+}
+
+/// Curves that take all that differs between groups.
+pub(super) fn not_stated(fitted: &TumbleFit<'_>, groups: &Groups) -> Option<Finding> {
+    let order = fitted.model.unknowns.order;
+    (groups.count > 1 && groups.count <= order + 1).then(|| {
+        let message = format!(
+            "{} groups of standstills, by file, power-up and temperature, for order {order}: nothing is left to tell what a group shares from \
+             temperature, so no errors of biases and scale factors are stated; take one more group, or a lower order",
+            groups.count
+        );
+        Finding::warning(name::NO_FREEDOM, message)
+    })
+}
+
+/// Gaps and faults of time in the recordings.
+pub(super) fn of_time(recordings: &[TumbleRecording], continuity: &[Continuity], poses: usize) -> Vec<Finding> {
+    let mut found = Vec::new();
+    // Stamps that jitter or come in bursts are no gaps.
+    let gaps = continuity.iter().map(|found| found.losses().gaps).sum::<u64>();
+    if gaps > poses as u64 {
+        let message = format!("the recordings have {gaps} gaps; look for samples that were lost");
+        found.push(Finding::warning(name::MISSING_ROWS, message));
+    }
+    let fault =
+        |(recording, found): (&TumbleRecording, &Continuity)| Some(found.fault()?.finding().at(recording.place()));
+    found.extend(recordings.iter().zip(continuity).filter_map(fault));
+    found
 }

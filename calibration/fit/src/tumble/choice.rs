@@ -9,14 +9,14 @@ use super::model::{GravityFit, GravityModel, Unknowns};
 use super::noise::{LEAST_NOISE, errors_of_means};
 use super::options::{ScaleFactorChoice, TumbleOptions};
 use super::reading::Reading;
-use super::weighted::Weighted;
+use super::weighted::WeightedFit;
 use crate::effects::{BIAS_EFFECT, SCALE_FACTOR_EFFECT};
 use isotherm_campaign::joint_range;
 use isotherm_shared::polynomial::MAX_ORDER;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
@@ -29,18 +29,18 @@ const SIGNIFICANCE: f64 = 0.01;
 const SPLIT_SIGNIFICANCE: f64 = 0.001;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;
-/// Scale factors of the standstills, relative to the start's, that differ by more are no IMU's.
+/// Scale factors of the static poses, relative to the start's, that differ by more are no IMU's.
 const SCALE_FACTORS: f64 = 1.5;
 /// A bias beyond this is no accelerometer's \[g0\].
 const LARGEST_BIAS: f64 = 0.7;
-/// Pulses of a standstill beyond this are no accelerometer's, in local gravity.
+/// Pulses of a static pose beyond this are no accelerometer's, in local gravity.
 const LARGEST_LOAD: f64 = 3.0;
 /// Parts of the telemetry's range that are counted where one group allows an order.
 const PARTS: f64 = 10.0;
 
 /// The fit that was chosen.
-pub(super) struct Chosen<'a> {
-    pub fitted: Fitted<'a>,
+pub(super) struct Choice<'a> {
+    pub fitted: TumbleFit<'a>,
     /// Of the order, and of the scale factors.
     pub reasons: [String; 2],
     pub warnings: Vec<Finding>,
@@ -48,13 +48,20 @@ pub(super) struct Chosen<'a> {
 
 /// A fit with its model.
 #[derive(Clone)]
-pub(super) struct Fitted<'a> {
+pub(super) struct TumbleFit<'a> {
     pub model: GravityModel<'a>,
     /// With equal weights.
     pub fit: GravityFit,
     pub dilution: Dilution,
     /// With the weights of its covariance; `None` without degrees of freedom.
-    pub weighted: Option<Rc<Weighted<'a>>>,
+    pub weighted: Option<Rc<WeightedFit<'a>>>,
+}
+
+impl TumbleFit<'_> {
+    /// The unknowns, by the weights if there are any.
+    pub(super) fn unknown(&self) -> &DVector<f64> {
+        self.weighted.as_ref().map_or(&self.fit.unknown, |weighted| &weighted.unknown)
+    }
 }
 
 /// Readings with what every fit of them needs.
@@ -76,7 +83,7 @@ impl<'a> Data<'a> {
         format!("; {}", Attitudes::of(self.readings, self.gravity))
     }
 
-    /// The fit with equal weights; `None` if there are too few standstills, or if they do not determine it.
+    /// The fit with equal weights; `None` if there are too few static poses, or if they do not determine it.
     pub(super) fn fit(self, order: usize, split: bool) -> Option<(GravityModel<'a>, GravityFit)> {
         let unknowns = self.unknowns(order, split);
         if self.readings.len() < unknowns.count() {
@@ -88,14 +95,14 @@ impl<'a> Data<'a> {
     }
 
     /// A fit that may become a table: its attitudes tell the unknowns apart, and it is that of an accelerometer.
-    fn candidate(self, order: usize, split: bool) -> Option<Fitted<'a>> {
+    fn candidate(self, order: usize, split: bool) -> Option<TumbleFit<'a>> {
         let (model, fit) = self.fit(order, split)?;
         let dilution = Dilution::of(&model, &fit, self.readings, self.gravity);
         if dilution.times_root_n > MOST || !self.is_sane(&model, &fit) {
             return None;
         }
-        let weighted = Weighted::of(&model, &fit, self.groups, noise_of_lengths(&model, &fit), None).map(Rc::new);
-        Some(Fitted { model, fit, dilution, weighted })
+        let weighted = WeightedFit::of(&model, &fit, self.groups, noise_of_magnitudes(&model, &fit), None).map(Rc::new);
+        Some(TumbleFit { model, fit, dilution, weighted })
     }
 
     /// Not the trivial solution: a K without end, and a bias as long as gravity, leave no residual.
@@ -120,8 +127,8 @@ impl<'a> Data<'a> {
     }
 }
 
-/// Mean variance of a length by the noise of its standstill's mean \[g0^2\].
-fn noise_of_lengths(model: &GravityModel<'_>, fit: &GravityFit) -> f64 {
+/// Mean variance of a length by the noise of its static pose's mean \[g0^2\].
+fn noise_of_magnitudes(model: &GravityModel<'_>, fit: &GravityFit) -> f64 {
     let errors = errors_of_means(model.readings());
     let of = |(i, errors): (usize, [f64; AXES])| {
         let part = |axis: usize| fit.by_force[(i, axis)] * errors[axis] / model.scale_factor(&fit.unknown, axis);
@@ -134,16 +141,16 @@ fn noise_of_lengths(model: &GravityModel<'_>, fit: &GravityFit) -> f64 {
 /// The candidates, each fitted once.
 struct Candidates<'a> {
     data: Data<'a>,
-    known: BTreeMap<(usize, bool), Option<Fitted<'a>>>,
+    known: BTreeMap<(usize, bool), Option<TumbleFit<'a>>>,
 }
 
 impl<'a> Candidates<'a> {
-    fn get(&mut self, order: usize, split: bool) -> Option<&Fitted<'a>> {
+    fn get(&mut self, order: usize, split: bool) -> Option<&TumbleFit<'a>> {
         let data = self.data;
         self.known.entry((order, split)).or_insert_with(|| data.candidate(order, split)).as_ref()
     }
 
-    fn weighted(&mut self, order: usize, split: bool) -> Option<Rc<Weighted<'a>>> {
+    fn weighted(&mut self, order: usize, split: bool) -> Option<Rc<WeightedFit<'a>>> {
         self.get(order, split)?.weighted.clone()
     }
 
@@ -161,8 +168,8 @@ impl<'a> Candidates<'a> {
                 }
             }
         }
-        let Fitted { model, fit, .. } = self.get(order, true)?.clone();
-        let given = Weighted::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances.values))?;
+        let TumbleFit { model, fit, .. } = self.get(order, true)?.clone();
+        let given = WeightedFit::of(&model, &fit, self.data.groups, both.floor, Some(&one.variances.values))?;
         Some(both.p_at_own_size(&sums, 1.0)?.max(given.p_at_own_size(&sums, 0.0)?))
     }
 
@@ -185,7 +192,7 @@ impl<'a> Candidates<'a> {
 }
 
 /// Chooses order and scale factors, and fits.
-pub(super) fn choose<'a>(data: Data<'a>, options: &TumbleOptions) -> Result<Chosen<'a>, TumbleError> {
+pub(super) fn choose<'a>(data: Data<'a>, options: &TumbleOptions) -> Result<Choice<'a>, TumbleError> {
     let Data { readings, groups, .. } = data;
     let levels = groups.levels;
     let mut warnings = Vec::new();
@@ -209,7 +216,7 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &TumbleOptions) -> Result<Chos
     if n < needed {
         let Dilution { weakest, help, .. } = data.dilution(order, split);
         return Err(TumbleError::Attitudes {
-            message: format!("{n} {} for {needed} unknowns, which leaves undetermined", standstills(n)),
+            message: format!("{n} {} for {needed} unknowns, which leaves undetermined", poses(n)),
             parameters: weakest,
             attitude: help,
             remedy: data.attitudes()
@@ -230,10 +237,10 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &TumbleOptions) -> Result<Chos
         );
         warnings.push(Finding::warning(name::ATTITUDES, message));
     }
-    Ok(Chosen { fitted, reasons: [why_order, why_split], warnings })
+    Ok(Choice { fitted, reasons: [why_order, why_split], warnings })
 }
 
-/// Why the standstills give no table.
+/// Why the static poses give no table.
 fn no_fit(data: Data<'_>, order: usize, split: bool) -> TumbleError {
     let dilution = data.dilution(order, split);
     if dilution.times_root_n <= MOST {
@@ -273,7 +280,7 @@ fn asked_order(order: usize, readings: &[Reading], groups: &Groups) -> Result<()
     )))
 }
 
-/// Tenths of the telemetry's range with a standstill, where telemetry moves within one group.
+/// Tenths of the telemetry's range with a static pose, where telemetry moves within one group.
 fn parts_of_range(readings: &[Reading], groups: &Groups) -> usize {
     let telemetry: Vec<f64> = readings.iter().map(Reading::telemetry).collect();
     let [low, high] = joint_range(telemetry.iter().map(|telemetry| [*telemetry; 2]));
@@ -395,6 +402,6 @@ fn shown(times_root_n: f64) -> String {
     if times_root_n.is_finite() { format!("{times_root_n:.3}") } else { "infinite".to_owned() }
 }
 
-fn standstills(n: usize) -> &'static str {
+fn poses(n: usize) -> &'static str {
     if n == 1 { "standstill" } else { "standstills" }
 }

@@ -1,4 +1,4 @@
-//! What the residuals of the standstills share: the shapes of their covariance, each by the columns that make it.
+//! What the residuals of the static poses share: the shapes of their covariance, each by the columns that make it.
 //!
 //! ```text
 //! V = s2 I + sum th_k B_k B_k' + z z' + v v'
@@ -14,11 +14,11 @@
 //!
 //! A slope is a random quantity of unknown scatter, not an unknown: what the attitudes do not determine of it stays 0.
 
-use super::groups::{Groups, mean};
+use super::groups::Groups;
 use super::model::{GravityFit, GravityModel};
 use super::reading::Reading;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::least_squares;
+use isotherm_statistics::{least_squares, mean};
 use nalgebra::{DMatrix, DVector};
 
 /// The element may be behind the telemetry by as much, either way \[s\].
@@ -27,18 +27,18 @@ pub(super) const LAG_S: f64 = 60.0;
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
 /// A shape with a trace under this share of its own is not seen beside the unknowns.
 const UNSEEN: f64 = 1e-9;
-/// Least standstills of a group that a change of the temperature in time is taken from.
+/// Least static poses of a group that a change of the temperature in time is taken from.
 const LEAST_IN_TIME: usize = 4;
 /// Row noises that telemetry must move by in a group to be a nuisance.
 pub(super) const MOVED: f64 = 6.0;
-/// Row noises that the means must move by for a slope: those of standstills that do not move differ by a third of one.
+/// Row noises that the means must move by for a slope: those of static poses that do not move differ by a third of one.
 const SLOPE_MOVED: f64 = 1.0;
-/// Most steps of a walk: more standstills share a step.
+/// Most steps of a walk: more static poses share a step.
 const WALK_STEPS: usize = 25;
 
 /// Kinds of variances.
 pub(super) const KINDS: usize = 6;
-/// Noise of each standstill.
+/// Noise of each static pose.
 pub(super) const NOISE: usize = 0;
 /// Bias of each group.
 pub(super) const BIAS: usize = 1;

@@ -14,17 +14,17 @@ use isotherm_statistics::{least_squares, median};
 use isotherm_support::finding::{Finding, name};
 use nalgebra::{DMatrix, DVector, Vector3};
 
-/// Standstills of a group from which on an axis that does not vary is dead.
+/// Static poses of a group from which on an axis that does not vary is dead.
 const LEAST_FOR_DEAD: usize = 6;
 /// Errors of a mean that the means of a live axis vary by.
 const NOISES: f64 = 10.0;
 /// Means of all attitudes within so many standard deviations of a row have no gravity: it is 20 of them at least.
 const ROW_NOISES: f64 = 6.0;
-/// Standstills that differ by less are one attitude \[rad\].
+/// Static poses that differ by less are one attitude \[rad\].
 const ONE_ATTITUDE: f64 = 0.05;
 /// Squares of a circle's points, relative to that of the largest, are off by less.
 const ON_CIRCLE: f64 = 0.1;
-/// Standstills of a group whose ellipsoid is believed.
+/// Static poses of a group whose ellipsoid is believed.
 const LEAST_FOR_ELLIPSOID: usize = 9;
 /// Condition number up to which it is.
 const MAX_CONDITION: f64 = 30.0;
@@ -93,7 +93,7 @@ fn dead(
     })
 }
 
-/// All standstills at one attitude, with gravity in the counts.
+/// All static poses at one attitude, with gravity in the counts.
 fn never_turned(readings: &[Reading]) -> Option<Finding> {
     let count = readings.len() as f64;
     let mean = Vector3::from_fn(|axis, _| readings.iter().map(|reading| reading.net(axis)).sum::<f64>() / count);

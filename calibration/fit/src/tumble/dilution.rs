@@ -1,11 +1,11 @@
-//! What the attitudes allow: how an error of the standstills comes out in the output.
+//! What the attitudes allow: how an error of the static poses comes out in the output.
 //!
 //! ```text
 //! D^2 = mean over attitudes, axes and the telemetry's range of g' (J'J)^-1 g
 //! g: derivatives of an axis' output by the unknowns
 //! ```
-//! D is the error of the output for an error of 1 in each standstill; D sqrt(n) does not fall with the number n of
-//! standstills, so it tells how good their attitudes are.
+//! D is the error of the output for an error of 1 in each static pose; D sqrt(n) does not fall with the number n of
+//! static poses, so it tells how good their attitudes are.
 
 use super::attitudes::{directions, up};
 use super::model::{GravityFit, GravityModel};
@@ -48,7 +48,7 @@ fn sphere() -> impl Iterator<Item = Vector3<f64>> {
 }
 
 impl Dilution {
-    /// Judges the attitudes of the standstills at a fit, or at its start.
+    /// Judges the attitudes of the static poses at a fit, or at its start.
     #[must_use]
     pub fn of(model: &GravityModel<'_>, fit: &GravityFit, readings: &[Reading], gravity: f64) -> Self {
         let root_n = (readings.len() as f64).sqrt();

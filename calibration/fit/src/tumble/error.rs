@@ -1,20 +1,20 @@
 //! Why an IMU cannot be calibrated by gravity's length.
 
-use isotherm_campaign::StandstillError;
+use isotherm_campaign::StaticPoseError;
 use isotherm_shared::table::Refusal;
 
 /// Why no table can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TumbleError {
-    /// A recording has no usable standstill.
+    /// A recording has no usable static pose.
     #[error("{name}: {error}")]
-    Standstill {
+    StaticPose {
         /// Name of the recording.
         name: String,
         /// Why.
-        error: StandstillError,
+        error: StaticPoseError,
     },
-    /// A standstill to leave out does not exist.
+    /// A static pose to leave out does not exist.
     #[error("there is no standstill {0}; there are {1}")]
     NothingToExclude(usize, usize),
     /// An option does not go with these recordings.

@@ -9,12 +9,12 @@
 //! lag:    b = z'w/z'z [s], F(1, m - 1)
 //! ```
 
-use super::choice::Fitted;
+use super::choice::TumbleFit;
 use super::covariance::{BIAS, GAIN, LAG_S, Shapes, WALK, beside, by_gain, slope_columns, within_groups};
 use super::groups::Groups;
 use super::reading::Reading;
-use super::reduced::Reduced;
-use super::weighted::Weighted;
+use super::remainder::Remainder;
+use super::weighted::WeightedFit;
 use isotherm_campaign::joint_range;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{beta_tail, f_tail, largest};
@@ -22,7 +22,7 @@ use isotherm_support::finding::{Finding, name};
 
 /// Probability that a warning has no cause.
 pub(super) const SIGNIFICANCE: f64 = 0.01;
-/// Residuals within the groups, over the noise of the standstills, that give a warning; twice as much is a fault.
+/// Residuals within the groups, over the noise of the static poses, that give a warning; twice as much is a fault.
 const MISFIT: f64 = 10.0;
 /// Residuals within the groups below this are no fault \[g0\].
 const MISFIT_G0: f64 = 2e-3;
@@ -48,7 +48,7 @@ pub struct Evidence {
     pub lag_s: f64,
     /// Residual within the groups, over the degrees of freedom that are left \[g0\].
     pub within: f64,
-    /// The same over the noise of the standstills.
+    /// The same over the noise of the static poses.
     pub noises: f64,
     /// Largest share in the variance of a bias of what an element up to 60 s behind its telemetry makes.
     pub lag_share: f64,
@@ -63,15 +63,15 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    pub(super) fn of(weighted: &Weighted<'_>, groups: &Groups) -> Self {
-        let Weighted { model, fit, residual, shapes, .. } = weighted;
+    pub(super) fn of(weighted: &WeightedFit<'_>, groups: &Groups) -> Self {
+        let WeightedFit { model, fit, residual, shapes, .. } = weighted;
         let n = residual.len();
         // Slopes are no reason to name a walk or a lag.
         let unknowns = beside(n, &[fit.jacobian.clone(), slope_columns(model, fit, groups)]);
         let offsets = [within_groups(&fit.by_force, groups), within_groups(&by_gain(fit), groups)];
         let all = [[unknowns.clone()].as_slice(), &offsets].concat();
-        let outside = Reduced::of(&unknowns, shapes, residual);
-        let within = Reduced::of(&beside(n, &all), shapes, residual);
+        let outside = Remainder::of(&unknowns, shapes, residual);
+        let within = Remainder::of(&beside(n, &all), shapes, residual);
         let (q, m, squares) = (outside.dimension() - within.dimension(), within.dimension(), within.squares());
         let between = outside.squares() - squares;
         let groups_p =
@@ -102,7 +102,7 @@ impl Evidence {
 
     /// Faults and warnings.
     /// `left` is the rms of the residuals of the table \[g0\].
-    pub(super) fn findings(&self, fitted: &Fitted<'_>, groups: &Groups, left: f64) -> Vec<Finding> {
+    pub(super) fn findings(&self, fitted: &TumbleFit<'_>, groups: &Groups, left: f64) -> Vec<Finding> {
         let dilution = fitted.dilution.times_root_n / (groups.of.len() as f64).sqrt();
         // A constant over two temperatures is known to leave what differs between them: a line is asked for there.
         let left = if groups.levels == 2 && fitted.model.unknowns.order == 0 { 0.0 } else { left };
@@ -184,7 +184,7 @@ impl Evidence {
 }
 
 /// The probability by chance of a walk as large.
-fn walk(within: &Reduced) -> f64 {
+fn walk(within: &Remainder) -> f64 {
     let m = within.dimension() as f64;
     let columns = &within.shapes.columns[WALK];
     if m <= 2.0 || columns.ncols() == 0 {
@@ -214,7 +214,7 @@ fn walk(within: &Reduced) -> f64 {
 }
 
 /// The probability by chance of a lag as long, and the lag \[s\].
-fn lag(within: &Reduced, shapes: &Shapes) -> (f64, f64) {
+fn lag(within: &Remainder, shapes: &Shapes) -> (f64, f64) {
     /// Share of z that must be left beside the unknowns.
     const LEFT: f64 = 1e-18;
     let known = shapes.known.column(0);
@@ -230,7 +230,7 @@ fn lag(within: &Reduced, shapes: &Shapes) -> (f64, f64) {
 }
 
 /// The largest share of lags in the variance of a bias, at lowest, mean and highest telemetry.
-fn lag_share(weighted: &Weighted<'_>) -> f64 {
+fn lag_share(weighted: &WeightedFit<'_>) -> f64 {
     let readings = weighted.model.readings();
     let of = |axis: usize| {
         let [low, high] = joint_range(readings.iter().map(|reading| [reading.head[axis]; 2]));

@@ -1,13 +1,13 @@
-//! Groups of standstills: what a file, a power-up or a temperature shares is no scatter of its standstills.
+//! Groups of static poses: what a file, a power-up or a temperature shares is no scatter of its static poses.
 //!
 //! A group ends with a file, a session, a gap of over 600 s, or where telemetry jumps by a tenth of its range and ten
 //! of its usual steps.
 
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
-use isotherm_statistics::median;
+use isotherm_statistics::{mean, median};
 
-/// Time between the starts of two standstills that ends a group \[s\].
+/// Time between the starts of two static poses that ends a group \[s\].
 const GAP_S: f64 = 600.0;
 /// Share of the telemetry's range that a step of a new group has, and that two temperatures differ by.
 const LEVEL: f64 = 0.1;
@@ -70,7 +70,7 @@ impl Groups {
         all
     }
 
-    /// The values, by standstill, of each group.
+    /// The values, by static pose, of each group.
     fn split(&self, values: &[f64]) -> Vec<Vec<f64>> {
         self.all().into_iter().map(|members| members.into_iter().map(|index| values[index]).collect()).collect()
     }
@@ -108,10 +108,6 @@ impl Groups {
 pub(super) fn resolution(values: &[f64]) -> f64 {
     let size = values.iter().map(|value| value.abs()).fold(0.0, f64::max);
     (ROUNDING * size).max(f64::MIN_POSITIVE)
-}
-
-pub(super) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 pub(super) fn spread(values: &[f64]) -> f64 {

@@ -1,7 +1,7 @@
 //! The likelihood of the variances, in the space that the unknowns leave.
 
 use super::covariance::{BIAS, KINDS, NOISE};
-use super::reduced::Reduced;
+use super::remainder::Remainder;
 use isotherm_statistics::{pseudo_inverse, root};
 use nalgebra::{DMatrix, DVector};
 
@@ -31,7 +31,7 @@ pub(super) struct StatedError {
 #[derive(Clone, Debug)]
 pub(super) struct Variances {
     pub values: [f64; KINDS],
-    /// One standard error more of all but the noise, of one group: few standstills show a variance of 0 by chance.
+    /// One standard error more of all but the noise, of one group: few static poses show a variance of 0 by chance.
     pub careful: [f64; KINDS],
     /// Twice the logarithm of their likelihood over that of the noise alone; infinite of given ones.
     pub evidence: f64,
@@ -56,13 +56,13 @@ impl Variances {
 
 /// The likelihood of the variances of some residuals.
 pub(super) struct Likelihood {
-    reduced: Reduced,
+    reduced: Remainder,
     floor: f64,
 }
 
 impl Likelihood {
     /// No variance of the noise is below `floor` \[g0^2\].
-    pub(super) const fn of(reduced: Reduced, floor: f64) -> Self {
+    pub(super) const fn of(reduced: Remainder, floor: f64) -> Self {
         Self { reduced, floor }
     }
 
@@ -74,7 +74,7 @@ impl Likelihood {
         Some(all.cholesky()?.inverse())
     }
 
-    /// These variances where the standstills show them.
+    /// These variances where the static poses show them.
     pub(super) fn given(&self, variances: &[f64; KINDS]) -> Option<Variances> {
         self.known([0, 1, 2, 3, 4, 5].map(|kind| if self.has(kind) { variances[kind] } else { 0.0 }))
     }

@@ -1,11 +1,11 @@
-//! The equation of one standstill, its derivatives, and the fit.
+//! The equation of one static pose, its derivatives, and the fit.
 //!
 //! ```text
 //! x = N+/K+(U_b) + N-/K-(U_b) - A(U_h),   x = M s,   M = [[1, m12, m13], [0, 1, m23], [0, 0, 1]]      [g0]
 //! residual = |s| - g_local/g0
 //! ```
 //! The unknowns are on one scale: biases in g0, scale factors relative to those of the start, misalignments in rad.
-//! Here standstills have equal weights; [`weighted`](super::weighted) has those of their covariance.
+//! Here static poses have equal weights; [`weighted`](super::weighted) has those of their covariance.
 
 use super::reading::Reading;
 use isotherm_campaign::joint_range;
@@ -69,7 +69,7 @@ impl Unknowns {
     }
 }
 
-/// The equations of all standstills, with the scale of the unknowns.
+/// The equations of all static poses, with the scale of the unknowns.
 #[derive(Clone, Debug)]
 pub struct GravityModel<'a> {
     readings: &'a [Reading],
@@ -81,11 +81,11 @@ pub struct GravityModel<'a> {
     scale_factor: [f64; AXES],
     /// Centre and scale of head and board telemetry.
     basis: [[[f64; 2]; AXES]; 2],
-    /// What the group of each standstill shares beside the unknowns.
+    /// What the group of each static pose shares beside the unknowns.
     offsets: Vec<Offsets>,
 }
 
-/// What a group of standstills shares: x = N/(K (1 + gain)) - A - bias.
+/// What a group of static poses shares: x = N/(K (1 + gain)) - A - bias.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Offsets {
     /// Of the biases \[g0\].
@@ -94,8 +94,8 @@ pub struct Offsets {
     pub gain: Vector3<f64>,
 }
 
-/// What an IMU indicates at one standstill, with derivatives.
-struct Indicated {
+/// What an IMU indicates at one static pose, with derivatives.
+struct Indication {
     /// s, along the body's axes \[g0\].
     force: Vector3<f64>,
     /// ds by the unknowns.
@@ -109,15 +109,15 @@ struct Indicated {
 pub struct GravityFit {
     /// The unknowns.
     pub unknown: DVector<f64>,
-    /// |s| - g_local/g0 of each standstill \[g0\].
+    /// |s| - g_local/g0 of each static pose \[g0\].
     pub residual: DVector<f64>,
     /// Derivatives of the residuals by the unknowns.
     pub jacobian: DMatrix<f64>,
-    /// (J'J)^-1; `None` if the standstills do not determine all unknowns.
+    /// (J'J)^-1; `None` if the static poses do not determine all unknowns.
     pub inverse: Option<DMatrix<f64>>,
-    /// d: derivatives of each residual by x, a row for each standstill.
+    /// d: derivatives of each residual by x, a row for each static pose.
     pub by_force: DMatrix<f64>,
-    /// x + A of each standstill, a row each \[g0\].
+    /// x + A of each static pose, a row each \[g0\].
     pub load: DMatrix<f64>,
 }
 
@@ -185,7 +185,7 @@ impl<'a> GravityModel<'a> {
         rates: &[[f64; 2]; AXES],
         [head, board]: [&[f64; AXES]; 2],
         offsets: &Offsets,
-    ) -> Indicated {
+    ) -> Indication {
         let mut load = Vector3::zeros();
         let mut x = -offsets.bias;
         let mut by = DMatrix::zeros(AXES, self.unknowns.count());
@@ -209,7 +209,7 @@ impl<'a> GravityModel<'a> {
             x[axis] += load[axis] - a;
         }
         if !self.unknowns.misalignment {
-            return Indicated { force: x, by, load };
+            return Indication { force: x, by, load };
         }
         // M s = x from below; the derivatives likewise.
         let m = self.unknowns.misalignments();
@@ -224,7 +224,7 @@ impl<'a> GravityModel<'a> {
             by[(1, column)] -= m23 * by[(2, column)];
             by[(0, column)] -= m12 * by[(1, column)] + m13 * by[(2, column)];
         }
-        Indicated { force: Vector3::new(s1, s2, s3), by, load }
+        Indication { force: Vector3::new(s1, s2, s3), by, load }
     }
 
     /// The specific force of a reading along the body's axes \[g0\].

@@ -23,8 +23,8 @@ impl ScaleFactorChoice {
 /// Options of a calibration without a turntable.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TumbleOptions {
-    /// Length of a window of the search for standstills \[s\]; `None` for that of
-    /// [`find_standstills`](isotherm_campaign::find_standstills).
+    /// Length of a window of the search for static poses \[s\]; `None` for that of
+    /// [`find_static_poses`](isotherm_campaign::find_static_poses).
     pub window_s: Option<f64>,
     /// The order of every polynomial; chosen from the data if `None`.
     pub order: Option<usize>,
@@ -32,7 +32,7 @@ pub struct TumbleOptions {
     pub scale_factor: ScaleFactorChoice,
     /// Whether misalignments are estimated.
     pub misalignment: bool,
-    /// Numbers of standstills to leave out, from 1.
+    /// Numbers of static poses to leave out, from 1.
     pub exclude: Vec<usize>,
     /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
     pub temperature_range: Option<[f64; 2]>,

@@ -1,7 +1,7 @@
-//! What the IMU indicated over one standstill.
+//! What the IMU indicated over one static pose.
 
-use super::telemetry::{Cleaned, Telemetry, noise as telemetry_noise, of_row};
-use isotherm_campaign::Standstills;
+use super::telemetry::{CleanTelemetry, Telemetry, noise as telemetry_noise, of_row};
+use isotherm_campaign::StaticPoses;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
 use std::ops::Range;
@@ -9,10 +9,10 @@ use std::ops::Range;
 /// Part of the rows of one value from which on noise averages no rounding.
 const ONE_VALUE: f64 = 0.9;
 
-/// The means over the rows of one standstill.
+/// The means over the rows of one static pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// Number of the standstill, from 1, over all recordings in their order.
+    /// Number of the static pose, from 1, over all recordings in their order.
     pub number: usize,
     /// Index of the recording.
     pub recording: usize,
@@ -55,18 +55,18 @@ pub struct Reading {
 
 impl Reading {
     /// The means of the rows `range` of a recording without its glitches: its number, the recording's, and where the
-    /// standstill begins, `start_s`.
+    /// static pose begins, `start_s`.
     #[must_use]
     pub fn of(
         [number, recording]: [usize; 2],
         all: &[RawSample],
         range: Range<usize>,
         start_s: f64,
-        standstills: &Standstills,
+        poses: &StaticPoses,
         steps: &Telemetry,
         with_gyroscopes: bool,
     ) -> Self {
-        let rows: Vec<RawSample> = standstills.rows(all, range.clone()).copied().collect();
+        let rows: Vec<RawSample> = poses.rows(all, range.clone()).copied().collect();
         let rows = rows.as_slice();
         let count = rows.len() as f64;
         let seconds = seconds(rows);
@@ -80,8 +80,8 @@ impl Reading {
         };
         let telemetry =
             |sensor: usize, axis: usize| rows.iter().map(|row| of_row(row)[sensor][axis]).collect::<Vec<_>>();
-        let cleaned =
-            [0, 1].map(|sensor| [0, 1, 2].map(|axis| Cleaned::of(&telemetry(sensor, axis), steps[sensor][axis])));
+        let cleaned = [0, 1]
+            .map(|sensor| [0, 1, 2].map(|axis| CleanTelemetry::of(&telemetry(sensor, axis), steps[sensor][axis])));
         let [head, board] = &cleaned;
         let gyroscope = |axis: usize| {
             let of = |row: &RawSample| {
@@ -107,8 +107,8 @@ impl Reading {
                 / AXES as f64,
             telemetry_step: steps[0].iter().copied().fold(0.0, f64::max),
             // The noise of a rate over n rows is that of a row over n^(1/2).
-            noise: standstills.noise.map(|counts| counts * count.sqrt() / seconds),
-            rounding: [0, 1, 2].map(|axis| rounding(rows, axis) * standstills.steps[axis] * count / seconds),
+            noise: poses.noise.map(|counts| counts * count.sqrt() / seconds),
+            rounding: [0, 1, 2].map(|axis| rounding(rows, axis) * poses.steps[axis] * count / seconds),
             halves: [net(&rows[..rows.len() / 2]), net(&rows[rows.len() / 2..])],
             gyroscopes: with_gyroscopes.then(|| [0, 1, 2].map(gyroscope)),
         }

@@ -10,7 +10,7 @@ use isotherm_campaign::GravitySource;
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, Curve, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, Curve, rms, student_quantile_of};
 use isotherm_support::finding::Finding;
 use nalgebra::Matrix3;
 
@@ -23,15 +23,15 @@ pub struct TumbleCalibration {
     pub gravity_source: GravitySource,
     /// The options it was made with.
     pub options: TumbleOptions,
-    /// The standstills of the fit.
+    /// The static poses of the fit.
     pub readings: Vec<Reading>,
-    /// Standstills that were left out because they are too short.
+    /// Static poses that were left out because they are too short.
     pub too_short: usize,
     /// Number of the rows of all recordings.
     pub rows: usize,
     /// Standard deviation of a row's counts at rest, for each recording.
     pub noise: Vec<[f64; AXES]>,
-    /// Groups and temperatures of the standstills.
+    /// Groups and temperatures of the static poses.
     pub groups: Groups,
     /// What the residuals say; `None` without degrees of freedom.
     pub evidence: Option<Evidence>,
@@ -39,9 +39,9 @@ pub struct TumbleCalibration {
     pub unknowns: Unknowns,
     /// Why this order, and one scale factor or two.
     pub reasons: [String; 2],
-    /// |s| - g_local/g0 of each standstill \[g0\].
+    /// |s| - g_local/g0 of each static pose \[g0\].
     pub residuals: Vec<f64>,
-    /// Degrees of freedom: standstills less unknowns.
+    /// Degrees of freedom: static poses less unknowns.
     pub freedom: usize,
     /// What the attitudes allow.
     pub dilution: Dilution,
@@ -53,7 +53,7 @@ pub struct TumbleCalibration {
     pub misalignment_error: Option<[f64; AXES]>,
     /// Degrees of freedom of these errors.
     pub misalignment_freedom: f64,
-    /// Specific force of each standstill along the body's axes \[g0\].
+    /// Specific force of each static pose along the body's axes \[g0\].
     pub forces: Vec<[f64; AXES]>,
     /// Warnings.
     pub findings: Vec<Finding>,
@@ -64,10 +64,10 @@ pub struct TumbleCalibration {
 }
 
 impl TumbleCalibration {
-    /// Root mean square of the residuals over the standstills \[g0\].
+    /// Root mean square of the residuals over the static poses \[g0\].
     #[must_use]
     pub fn residual_rms(&self) -> f64 {
-        (self.residuals.iter().map(|residual| residual * residual).sum::<f64>() / self.residuals.len() as f64).sqrt()
+        rms(&self.residuals)
     }
 
     /// The telemetry at which a curve's value is shown: the mean of one group, the middle of what was measured of more.
@@ -88,7 +88,7 @@ impl TumbleCalibration {
         Some(errors.map(|error| error * student_quantile_of(CONFIDENCE, self.misalignment_freedom)))
     }
 
-    /// Mean net rate of each gyroscope over all standstills \[pulse/s\]; Earth's rate is in it. `None` without
+    /// Mean net rate of each gyroscope over all static poses \[pulse/s\]; Earth's rate is in it. `None` without
     /// gyroscopes.
     #[must_use]
     pub fn gyroscope_rates(&self) -> Option<[f64; AXES]> {

@@ -1,4 +1,4 @@
-//! Telemetry of a standstill, without the glitches of a thermometer.
+//! Telemetry of a static pose, without the glitches of a thermometer.
 
 use isotherm_campaign::{joint_range, stretches};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -6,7 +6,7 @@ use isotherm_statistics::median;
 
 /// What common thermometers give for an error.
 pub(super) const ERROR_CODES: [f64; 3] = [-127.0, 85.0, 0.0];
-/// A glitch is as many robust standard deviations off the median of its standstill,
+/// A glitch is as many robust standard deviations off the median of its static pose,
 const DEVIATIONS: f64 = 8.0;
 /// and as many steps.
 const STEPS: f64 = 10.0;
@@ -43,8 +43,8 @@ pub fn telemetry_steps(rows: &[RawSample]) -> Telemetry {
     [0, 1].map(|sensor| [0, 1, 2].map(|axis| step(sensor, axis)))
 }
 
-/// The telemetry of one sensor over a standstill.
-pub(super) struct Cleaned {
+/// The telemetry of one sensor over a static pose.
+pub(super) struct CleanTelemetry {
     pub mean: f64,
     pub range: [f64; 2],
     /// Rows that are glitches.
@@ -52,7 +52,7 @@ pub(super) struct Cleaned {
     pub median: f64,
 }
 
-impl Cleaned {
+impl CleanTelemetry {
     pub(super) fn of(values: &[f64], step: f64) -> Self {
         let middle = median(values.iter().copied());
         let deviation = MAD * median(values.iter().map(|value| (value - middle).abs()));

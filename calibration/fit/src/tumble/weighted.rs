@@ -18,7 +18,7 @@ use super::groups::Groups;
 use super::inverse::Inverse;
 use super::likelihood::{Likelihood, StatedError, Variances};
 use super::model::{GravityFit, GravityModel, Offsets};
-use super::reduced::Reduced;
+use super::remainder::Remainder;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{f_tail, median};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -32,10 +32,10 @@ const SHOWN: f64 = 8.0;
 const LEAVES_MORE: f64 = 1.5;
 
 /// A fit with its covariance.
-pub(super) struct Weighted<'a> {
+pub(super) struct WeightedFit<'a> {
     pub model: GravityModel<'a>,
     pub unknown: DVector<f64>,
-    /// Variances by kind, 0 where the standstills show none, with what is known of them.
+    /// Variances by kind, 0 where the static poses show none, with what is known of them.
     pub variances: Variances,
     /// Variance of a length by the noise of the means alone \[g0^2\].
     pub floor: f64,
@@ -52,9 +52,9 @@ pub(super) struct Weighted<'a> {
     weights: DMatrix<f64>,
 }
 
-impl<'a> Weighted<'a> {
+impl<'a> WeightedFit<'a> {
     /// Fits from `start`, the unweighted fit. No variance of the noise is below `floor` \[g0^2\]. `given` variances are
-    /// taken instead of estimated ones. `None` without degrees of freedom, or if the standstills do not determine the
+    /// taken instead of estimated ones. `None` without degrees of freedom, or if the static poses do not determine the
     /// unknowns.
     pub(super) fn of(
         model: &GravityModel<'a>,
@@ -89,7 +89,7 @@ impl<'a> Weighted<'a> {
         let fit = model.at(unknown);
         let residual = DVector::from_fn(fit.residual.len(), |i, _| fit.residual[i] + model.shared(&fit, i));
         let shapes = Shapes::of(&model, &fit, groups);
-        let likelihood = Likelihood::of(Reduced::of(&fit.jacobian, &shapes, &residual), floor);
+        let likelihood = Likelihood::of(Remainder::of(&fit.jacobian, &shapes, &residual), floor);
         let variances = match (given, start) {
             (true, Some(variances)) => likelihood.given(variances)?,
             (_, start) => likelihood.estimated(start)?,
@@ -102,7 +102,7 @@ impl<'a> Weighted<'a> {
         Some(Self { unknown, model, variances, floor, fit, residual, covariance, inverse, shapes, weights })
     }
 
-    /// The same with the unknowns of the fit with equal weights if the standstills do not show that they share
+    /// The same with the unknowns of the fit with equal weights if the static poses do not show that they share
     /// anything, or if the weighted unknowns leave far more. The errors stay those of the whole covariance. Whether
     /// several groups share something is not judged: a power-up is there in any case.
     fn guarded(mut self, start: &GravityFit, is_one_group: bool) -> Self {

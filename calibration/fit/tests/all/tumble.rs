@@ -1,4 +1,4 @@
-//! Calibration without a turntable: recorded and simulated standstills, what attitudes allow, and what is refused.
+//! Calibration without a turntable: recorded and simulated static poses, what attitudes allow, and what is refused.
 
 mod accuracy;
 mod afternoons;
@@ -6,7 +6,7 @@ mod attitudes;
 mod common;
 mod local_gravity;
 mod plain;
+mod poses;
 mod recorded;
-mod standstills;
 mod traps;
 mod tumbles;

@@ -1,6 +1,6 @@
 //! Simulated campaigns: how far the estimates are off, and whether their standard errors say so.
 
-use super::common::{STANDARD, Simulated, Truth, campaign, cube, off, recording};
+use super::common::{STANDARD, SimulatedImu, Truth, campaign, cube, off, recording};
 use isotherm_fit::{TumbleOptions, calibrate_tumble};
 use isotherm_simulation::RandomGenerator;
 
@@ -10,7 +10,7 @@ fn errors_are_as_large_as_their_standard_errors_in_28_campaigns() {
     for seed in 0..28 {
         let truth = Truth::random(seed);
         let local = 9.79179;
-        let mut imu = Simulated::new(truth.clone(), seed, local / STANDARD);
+        let mut imu = SimulatedImu::new(truth.clone(), seed, local / STANDARD);
         // Residuals are then 2.8e-6 g0 rms, as those of tumble3.
         imu.noise = 2e-5;
         let mut random = RandomGenerator::new(seed, 4);

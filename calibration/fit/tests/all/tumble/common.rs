@@ -93,7 +93,7 @@ pub(crate) fn off(random: &mut RandomGenerator, direction: &Vector3<f64>, degree
 }
 
 /// An IMU that counts pulses in intervals of 50 ms.
-pub(crate) struct Simulated {
+pub(crate) struct SimulatedImu {
     truth: Truth,
     random: RandomGenerator,
     gravity: f64,
@@ -107,7 +107,7 @@ pub(crate) struct Simulated {
 
 pub(crate) const INTERVAL_S: f64 = 0.05;
 
-impl Simulated {
+impl SimulatedImu {
     pub(crate) fn new(truth: Truth, seed: u64, gravity: f64) -> Self {
         let random = RandomGenerator::new(seed, 2);
         Self { truth, random, gravity, noise: 3e-5, left: [[0.0; 2]; 3], time_s: 0.0, rows: Vec::new() }
@@ -141,7 +141,7 @@ impl Simulated {
         self.rows.push(sample);
     }
 
-    /// A standstill of `seconds`.
+    /// A static pose of `seconds`.
     pub(crate) fn rest(&mut self, direction: &Vector3<f64>, temperature_c: f64, seconds: f64) {
         for _ in 0..(seconds / INTERVAL_S).round() as usize {
             self.row(direction, temperature_c, 0.0);
@@ -178,9 +178,9 @@ impl Simulated {
     }
 }
 
-/// Standstills without movements, at one temperature: a gap lies between, which is exact for what attitudes allow.
+/// Static poses without movements, at one temperature: a gap lies between, which is exact for what attitudes allow.
 pub(crate) fn put_down(directions: &[Vector3<f64>], temperatures_c: &[f64]) -> Vec<RawSample> {
-    let mut imu = Simulated::new(Truth::random(3), 3, 1.0);
+    let mut imu = SimulatedImu::new(Truth::random(3), 3, 1.0);
     imu.noise = 2e-5;
     for temperature in temperatures_c {
         for direction in directions {

@@ -1,4 +1,4 @@
-//! What others do: least squares of the lengths with nine unknowns, all standstills alike, as imu_tk and scripts with
+//! What others do: least squares of the lengths with nine unknowns, all static poses alike, as imu_tk and scripts with
 //! numpy have it.
 
 use isotherm_fit::Reading;
@@ -27,7 +27,7 @@ fn residuals(unknown: &DVector<f64>, readings: &[Reading], size: f64, gravity: f
     )
 }
 
-/// The fit by Levenberg-Marquardt with numerical derivatives; `None` with fewer standstills than unknowns.
+/// The fit by Levenberg-Marquardt with numerical derivatives; `None` with fewer static poses than unknowns.
 pub(super) fn plain_fit(readings: &[Reading], gravity: f64) -> Option<Plain> {
     const COUNT: usize = 9;
     if readings.len() < COUNT {

@@ -1,7 +1,7 @@
 //! The recordings in tests/data/any_lab: one simulated with its truth, the others real.
 
 use super::common::{calibrated, campaign, json, messages, recording, samples};
-use isotherm_campaign::find_standstills;
+use isotherm_campaign::find_static_poses;
 use isotherm_fit::{ScaleFactorChoice, TumbleCalibration, TumbleOptions, calibrate_tumble};
 use isotherm_shared::compensate::answer;
 use nalgebra::Vector3;
@@ -146,11 +146,11 @@ fn six_faces_are_refused_by_name_and_give_no_errors_without_misalignments() {
 fn the_table_gives_the_residuals_of_the_fit() {
     let rows = samples("xsens/recording.csv");
     let found = calibrated(&rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
-    let standstills = find_standstills(&rows, None).unwrap();
-    assert!(!standstills.glitches.is_empty());
+    let poses = find_static_poses(&rows, None).unwrap();
+    assert!(!poses.glitches.is_empty());
     for (reading, residual) in found.readings.iter().zip(&found.residuals) {
         let mut sum = Vector3::zeros();
-        for row in standstills.rows(&rows, reading.rows.clone()) {
+        for row in poses.rows(&rows, reading.rows.clone()) {
             sum += Vector3::from(answer(Some(&found.table), row).velocity_increment);
         }
         let length = sum.norm() / reading.seconds / 9.81;

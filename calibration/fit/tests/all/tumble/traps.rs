@@ -1,30 +1,30 @@
 //! What goes wrong with recordings of people's desks.
 
 use super::common::{
-    INTERVAL_S, STANDARD, Simulated, Truth, calibrated, campaign, cube, messages, put_down, recording, samples,
+    INTERVAL_S, STANDARD, SimulatedImu, Truth, calibrated, campaign, cube, messages, put_down, recording, samples,
 };
-use isotherm_campaign::{Campaign, find_standstills};
+use isotherm_campaign::{Campaign, find_static_poses};
 use isotherm_fit::{
     CalibrationError, ScaleFactorChoice, TumbleError, TumbleOptions, TumbleRecording, calibrate_tumble,
 };
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::RawSample;
-use isotherm_verification::{Lengths, LengthsError, LocalGravity};
+use isotherm_verification::{Magnitudes, MagnitudesError, LocalGravity};
 use nalgebra::{Rotation3, Vector3};
 
 #[test]
 fn slow_motion_is_never_at_rest() {
-    let mut imu = Simulated::new(Truth::random(1), 1, 1.0);
+    let mut imu = SimulatedImu::new(Truth::random(1), 1, 1.0);
     for k in 0..4000 {
         // A turn every 80 s, at a rate that comes and goes.
         let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * (f64::from(k) / 37.0).sin());
         imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
     }
-    let error = find_standstills(&imu.rows, None).unwrap_err();
+    let error = find_static_poses(&imu.rows, None).unwrap_err();
     assert!(error.to_string().contains("the means wander by"), "{error}");
     // In real recordings averaging helps: the means wander by far less than the limit of 0.4.
     for name in ["xsens/recording.csv", "ferraris/recording.csv", "five_mpu9150/imu4.csv", "tumble3/recording.csv"] {
-        let found = find_standstills(&samples(name), None).unwrap();
+        let found = find_static_poses(&samples(name), None).unwrap();
         assert!((0.01..0.12).contains(&found.wander), "{name}: {}", found.wander);
     }
 }
@@ -32,7 +32,7 @@ fn slow_motion_is_never_at_rest() {
 #[test]
 fn noise_does_not_lengthen_gravity() {
     let truth = Truth::random(2);
-    let mut imu = Simulated::new(truth.clone(), 2, 1.0);
+    let mut imu = SimulatedImu::new(truth.clone(), 2, 1.0);
     imu.noise = 50e-3;
     for direction in cube() {
         imu.rest(&direction, 25.0, 60.0);
@@ -74,8 +74,8 @@ fn an_offset_that_is_left_in_is_refused() {
 }
 
 #[test]
-fn a_standstill_in_which_the_imu_turns_is_left_out() {
-    let mut imu = Simulated::new(Truth::random(4), 4, 1.0);
+fn a_pose_in_which_the_imu_turns_is_left_out() {
+    let mut imu = SimulatedImu::new(Truth::random(4), 4, 1.0);
     // Rows are so noisy that their variance does not show a turn of 3 degrees in a minute; it makes the mean 114e-6 g0
     // too short.
     imu.noise = 2e-3;
@@ -97,7 +97,7 @@ fn a_standstill_in_which_the_imu_turns_is_left_out() {
 #[test]
 fn rows_of_ten_seconds_and_gaps_are_used() {
     let truth = Truth::random(6);
-    let mut imu = Simulated::new(truth, 6, 1.0);
+    let mut imu = SimulatedImu::new(truth, 6, 1.0);
     for direction in cube() {
         imu.rest(&direction, 25.0, 120.0);
         imu.gap(10.0);
@@ -165,7 +165,7 @@ fn constant_telemetry_needs_a_range() {
 }
 
 #[test]
-fn a_standstill_can_be_left_out_by_its_number() {
+fn a_pose_can_be_left_out_by_its_number() {
     let rows = put_down(&cube(), &[25.0]);
     let range = Some([0.0, 50.0]);
     let found =
@@ -214,7 +214,7 @@ fn a_split_is_found_while_the_imu_warms_itself() {
             axis[0][1] = 0.0;
             (axis[1][1], axis[2]) = (0.0, [axis[1][0] * 1.002, 0.0]);
         }
-        let mut imu = Simulated::new(truth.clone(), seed, 1.0);
+        let mut imu = SimulatedImu::new(truth.clone(), seed, 1.0);
         imu.noise = 5e-4;
         let directions = cube();
         imu.tumble(&directions, 25.0);
@@ -252,7 +252,7 @@ fn wrong_intervals_and_a_recording_named_twice_are_refused() {
 #[test]
 fn what_looks_wrong_is_named() {
     let rows = put_down(&cube(), &[25.0]);
-    let other = Simulated::new(Truth::random(77), 77, 1.0);
+    let other = SimulatedImu::new(Truth::random(77), 77, 1.0);
     let mut other = other;
     cube().iter().for_each(|direction| {
         other.rest(direction, 25.0, 1.0);
@@ -285,22 +285,22 @@ fn lengths_of_another_unit_are_refused() {
     let options = TumbleOptions { temperature_range: Some([0.0, 50.0]), ..TumbleOptions::default() };
     let found = calibrate_tumble(&campaign, &[recording(&rows)], &options).unwrap();
     let others: Vec<RawSample> = rows.iter().map(|row| RawSample { device: 5, ..*row }).collect();
-    let lengths = |accepted| Lengths::of(&found.table, &others, None, LocalGravity::Stated(9.81), accepted);
-    assert_eq!(lengths(false), Err(LengthsError::OtherDevice(others.len())));
+    let lengths = |accepted| Magnitudes::of(&found.table, &others, None, LocalGravity::Stated(9.81), accepted);
+    assert_eq!(lengths(false), Err(MagnitudesError::OtherDevice(others.len())));
     assert_eq!(lengths(true).unwrap().other_device, others.len());
     let error = calibrate_tumble(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
     assert!(error.contains("another unit than serial number 17"), "{error}");
 }
 
 #[test]
-fn standstills_that_never_drive_an_axis_do_not_meet_a_bound() {
+fn poses_that_never_drive_an_axis_do_not_meet_a_bound() {
     let options = TumbleOptions { temperature_range: Some([0.0, 50.0]), ..TumbleOptions::default() };
     let all = put_down(&cube(), &[25.0]);
     let found = calibrate_tumble(&campaign([9.81, 9.81]), &[recording(&all)], &options).unwrap();
     let judged = |directions: &[[f64; 3]]| {
         let directions: Vec<_> = directions.iter().map(|direction| Vector3::from(*direction)).collect();
         let rows = put_down(&directions, &[25.0]);
-        let lengths = Lengths::of(&found.table, &rows, None, LocalGravity::Stated(9.81), false).unwrap();
+        let lengths = Magnitudes::of(&found.table, &rows, None, LocalGravity::Stated(9.81), false).unwrap();
         let met = lengths.judge(&"scale=20000ppm".parse().unwrap()).remove(0);
         (lengths.shown, met)
     };

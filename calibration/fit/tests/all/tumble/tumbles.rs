@@ -1,6 +1,6 @@
 //! Simulated tumbles of ordinary MEMS IMUs, as people record them: attitudes that come again, temperatures that drift,
 //! large biases. What is stated must hold the truth, what least squares solves must not be refused, and the result must
-//! not be worse than plain least squares on the same standstills.
+//! not be worse than plain least squares on the same static poses.
 
 use super::common::{campaign, cube};
 use super::plain::{Plain, plain_fit};

@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 
 /// The cubics of A1 .. G3 \[m/s2, rad/s\] about a reference temperature, 0 there.
-pub(super) struct Theirs {
+pub(super) struct AutopilotCubics {
     reference: f64,
     powers: [[f64; 3]; 6],
 }
 
-impl Theirs {
+impl AutopilotCubics {
     pub(super) fn at(&self, sensor: usize, telemetry: f64) -> f64 {
         let d = telemetry - self.reference;
         let [one, two, three] = self.powers[sensor];
@@ -39,16 +39,16 @@ fn powers(power: impl Fn(usize, usize) -> f64) -> [[f64; 3]; 6] {
     core::array::from_fn(|sensor| [1, 2, 3].map(|k| power(sensor, k)))
 }
 
-pub(super) fn of_all_rows() -> [Theirs; 2] {
+pub(super) fn of_all_rows() -> [AutopilotCubics; 2] {
     [
-        Theirs::px4(include_str!("../../data/autopilots/full.params")),
-        Theirs::ardupilot(include_str!("../../data/autopilots/full.parm")),
+        AutopilotCubics::px4(include_str!("../../data/autopilots/full.params")),
+        AutopilotCubics::ardupilot(include_str!("../../data/autopilots/full.parm")),
     ]
 }
 
-pub(super) fn of_the_heating() -> [Theirs; 2] {
+pub(super) fn of_the_heating() -> [AutopilotCubics; 2] {
     [
-        Theirs::px4(include_str!("../../data/autopilots/heating.params")),
-        Theirs::ardupilot(include_str!("../../data/autopilots/heating.parm")),
+        AutopilotCubics::px4(include_str!("../../data/autopilots/heating.params")),
+        AutopilotCubics::ardupilot(include_str!("../../data/autopilots/heating.parm")),
     ]
 }

@@ -1,6 +1,6 @@
 //! The real run of a consumer IMU, 51 -> -17 -> 74 -> 32 degC, against what both autopilots made of it.
 
-use super::autopilots::{Theirs, of_all_rows, of_the_heating};
+use super::autopilots::{AutopilotCubics, of_all_rows, of_the_heating};
 use crate::transients::consumer::{COOLING_AND_HEATING, nominal, rows};
 use core::ops::Range;
 use isotherm_autopilot::Autopilot;
@@ -72,7 +72,7 @@ fn left(readings: &[(f64, [f64; 6])]) -> [f64; 6] {
 }
 
 /// What the better autopilot leaves of raw readings.
-fn left_by_the_better(raw: &[(f64, [f64; 6])], theirs: &[Theirs; 2]) -> [f64; 6] {
+fn left_by_the_better(raw: &[(f64, [f64; 6])], theirs: &[AutopilotCubics; 2]) -> [f64; 6] {
     let of = theirs.each_ref().map(|theirs| {
         let corrected = |(telemetry, of): &(f64, [f64; 6])| {
             (*telemetry, core::array::from_fn(|sensor| of[sensor] - theirs.at(sensor, *telemetry)))

@@ -1,4 +1,4 @@
-//! Verification without a turntable: over each standstill of a recording, the length of the compensated output against
+//! Verification without a turntable: over each static pose of a recording, the magnitude of the compensated output against
 //! local gravity.
 //!
 //! It shows neither the direction of the output nor an error across the specific force.
@@ -9,8 +9,8 @@ use crate::requirement::{Judgement, Requirement, all_met, no_evidence};
 use crate::stability::{LocalGravity, hole};
 use crate::verdict::Estimate;
 use core::fmt;
-use isotherm_campaign::{Standstill, StandstillError, Standstills, begins_ns, find_standstills};
-use isotherm_fit::{Reading, error_of_length, errors_of_means, telemetry_steps};
+use isotherm_campaign::{StaticPose, StaticPoseError, StaticPoses, begins_ns, find_static_poses};
+use isotherm_fit::{Reading, error_of_magnitude, errors_of_means, telemetry_steps};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
@@ -18,54 +18,54 @@ use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
 
-/// Standstills whose specific forces are all within this angle are of one attitude \[rad\].
+/// Static poses whose specific forces are all within this angle are of one attitude \[rad\].
 const ONE_ATTITUDE: f64 = 0.1;
 /// Degrees of freedom of the noise, from so many rows that the normal quantile holds.
 const NOISE_FREEDOM: usize = 1000;
-/// Fewest standstills that a bound is judged by.
+/// Fewest static poses that a bound is judged by.
 const LEAST_STANDSTILLS: usize = 6;
 
-/// The output over one standstill.
+/// The output over one static pose.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Length {
+pub struct Magnitude {
     /// What the IMU indicated.
     pub reading: Reading,
     /// Mean specific force along the output axes \[g0\].
     pub force: [f64; AXES],
-    /// Its length less local gravity \[g0\], with the 95 % interval that the noise of the mean allows.
+    /// Its magnitude less local gravity \[g0\], with the 95 % interval that the noise of the mean allows.
     pub error: Estimate,
     /// Whether telemetry was outside the table's range in a row.
     pub out_of_range: bool,
 }
 
-/// What of the table the standstills show.
+/// What of the table the static poses show.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shown {
+pub struct TableCoverage {
     /// Share of the rows in which the specific force drives the channel, with over 0.3 g0: + and -, by axis.
     pub driven: [[f64; 2]; AXES],
-    /// Names of the channels that no standstill drives, as `K+ of A2`.
+    /// Names of the channels that no static pose drives, as `K+ of A2`.
     pub undriven: Vec<String>,
-    /// Part of the range of head telemetry that the standstills touch, for the bias of which that is least.
+    /// Part of the range of head telemetry that the static poses touch, for the bias of which that is least.
     pub telemetry: f64,
     /// The largest hole between them, in words, if it is over a tenth of a bias's range.
     pub hole: Option<String>,
 }
 
-/// The lengths over all standstills of a recording.
+/// The magnitudes over all static poses of a recording.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lengths {
-    /// Each standstill, in order of time.
-    pub standstills: Vec<Length>,
-    /// Standstills that were left out because they are too short.
+pub struct Magnitudes {
+    /// Each static pose, in order of time.
+    pub poses: Vec<Magnitude>,
+    /// Static poses that were left out because they are too short.
     pub too_short: usize,
-    /// Standstills that were left out because the IMU turned in them.
+    /// Static poses that were left out because the IMU turned in them.
     pub turned: usize,
-    /// Standstills without a valid output in a row; they are left out.
+    /// Static poses without a valid output in a row; they are left out.
     pub invalid: usize,
     /// Samples of another unit than the table's, which were accepted.
     pub other_device: usize,
-    /// What of the table the standstills show.
-    pub shown: Shown,
+    /// What of the table the static poses show.
+    pub shown: TableCoverage,
     /// Whether the table was made from this recording, as its provenance says; the caller looks.
     pub made_the_table: bool,
     /// Local gravity \[g0\].
@@ -78,35 +78,35 @@ pub struct Lengths {
     pub rms: f64,
 }
 
-/// Why lengths cannot be compared.
+/// Why magnitudes cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum LengthsError {
-    /// There is no usable standstill.
+pub enum MagnitudesError {
+    /// There is no usable static pose.
     #[error(transparent)]
-    Standstill(#[from] StandstillError),
+    StaticPose(#[from] StaticPoseError),
     /// Samples are of another unit than the table's.
     #[error("{0} samples are of another unit than the table's; take its own table, or accept them: --other-device")]
     OtherDevice(usize),
     /// Nothing to compare with.
     #[error("local gravity is unknown, so there is nothing to compare the lengths with; state --gravity-local")]
     Gravity,
-    /// No standstill has a valid output.
+    /// No static pose has a valid output.
     #[error("no standstill has a valid output; is the telemetry within the table's range?")]
     Invalid,
 }
 
-impl Length {
-    /// The output over a standstill; `None` if it is not valid. `errors` are those of the mean, `gravity` is in g0.
+impl Magnitude {
+    /// The output over a static pose; `None` if it is not valid. `errors` are those of the mean, `gravity` is in g0.
     fn of(
         table: &CoefficientTable,
-        rows: (&[RawSample], &Standstills),
+        rows: (&[RawSample], &StaticPoses),
         reading: Reading,
         errors: [f64; AXES],
         gravity: f64,
     ) -> Option<Self> {
         let mut sum = Vector3::zeros();
-        let (all, standstills) = rows;
-        for row in standstills.rows(all, reading.rows.clone()) {
+        let (all, poses) = rows;
+        for row in poses.rows(all, reading.rows.clone()) {
             sum += Vector3::from(answer(Some(table), row).velocity_increment);
         }
         let force = sum / reading.seconds / table.content().gravity;
@@ -117,24 +117,24 @@ impl Length {
             let at = &table.content().axes[axis].positive_scale_factor;
             at.at(at.clamp(reading.board[axis]))
         };
-        let half = error_of_length(&force, errors, scale_factor) * student_quantile(CONFIDENCE, NOISE_FREEDOM);
+        let half = error_of_magnitude(&force, errors, scale_factor) * student_quantile(CONFIDENCE, NOISE_FREEDOM);
         let error = Estimate { value: force.norm() - gravity, interval: half };
         let out_of_range = is_out_of_range(table, &reading);
         Some(Self { reading, force: force.into(), error, out_of_range })
     }
 }
 
-impl Shown {
-    fn of(table: &CoefficientTable, standstills: &[Length]) -> Self {
-        let forces: Vec<_> = standstills.iter().map(|length| length.force).collect();
-        let rows = |driven: &dyn Fn(&Length) -> bool| -> f64 {
-            standstills.iter().filter(|it| driven(it)).map(|it| it.reading.rows.len() as f64).sum()
+impl TableCoverage {
+    fn of(table: &CoefficientTable, poses: &[Magnitude]) -> Self {
+        let forces: Vec<_> = poses.iter().map(|magnitude| magnitude.force).collect();
+        let rows = |driven: &dyn Fn(&Magnitude) -> bool| -> f64 {
+            poses.iter().filter(|it| driven(it)).map(|it| it.reading.rows.len() as f64).sum()
         };
         let all = rows(&|_| true);
         let share = |axis: usize| [1.0, -1.0].map(|sign| rows(&|it| sign * it.force[axis] >= DRIVEN) / all);
         let biases = table.content().axes.iter().map(|axis| axis.bias.range()).enumerate();
         let occupancy = biases.map(|(axis, range)| {
-            (AXIS_NAMES[axis], Occupancy::of(range, standstills.iter().map(|it| it.reading.head_range[axis])))
+            (AXIS_NAMES[axis], Occupancy::of(range, poses.iter().map(|it| it.reading.head_range[axis])))
         });
         let occupancy: Vec<_> = occupancy.collect();
         let unit = &table.content().temperature_unit;
@@ -150,7 +150,7 @@ impl Shown {
 }
 
 /// In a line: the share of each channel, and that of the telemetry.
-impl fmt::Display for Shown {
+impl fmt::Display for TableCoverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let channels = self.driven.iter().zip(AXIS_NAMES).flat_map(|([plus, minus], axis)| {
             [("+", plus), ("-", minus)].map(|(sign, share)| format!("K{sign} of {axis} {:.0} %", 100.0 * share))
@@ -164,81 +164,81 @@ impl fmt::Display for Shown {
     }
 }
 
-impl Lengths {
-    /// Compares the lengths over the standstills of `rows`, with windows of `window_s` seconds for the
-    /// search; see [`find_standstills`].
+impl Magnitudes {
+    /// Compares the magnitudes over the static poses of `rows`, with windows of `window_s` seconds for the
+    /// search; see [`find_static_poses`].
     /// `other_device` says whether samples of another unit than the table's are judged.
     ///
     /// # Errors
-    /// If there are no standstills, if local gravity is unknown, or if samples are of another unit.
+    /// If there are no static poses, if local gravity is unknown, or if samples are of another unit.
     pub fn of(
         table: &CoefficientTable,
         rows: &[RawSample],
         window_s: Option<f64>,
         gravity_source: LocalGravity,
         other_device: bool,
-    ) -> Result<Self, LengthsError> {
+    ) -> Result<Self, MagnitudesError> {
         let is_other = |row: &&RawSample| row.device != 0 && table.device() != 0 && row.device != table.device();
         let others = rows.iter().filter(is_other).count();
         if others > 0 && !other_device {
-            return Err(LengthsError::OtherDevice(others));
+            return Err(MagnitudesError::OtherDevice(others));
         }
-        let gravity = gravity_source.value().ok_or(LengthsError::Gravity)? / table.content().gravity;
-        let found = find_standstills(rows, window_s)?.without_turned()?;
+        let gravity = gravity_source.value().ok_or(MagnitudesError::Gravity)? / table.content().gravity;
+        let found = find_static_poses(rows, window_s)?.without_turned()?;
         let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
-        let reading = |(index, standstill): (usize, &Standstill)| {
-            let start_s = begins_ns[standstill.rows.start] as f64 / 1e9;
-            Reading::of([index + 1, 0], rows, standstill.rows.clone(), start_s, &found, &steps, false)
+        let reading = |(index, pose): (usize, &StaticPose)| {
+            let start_s = begins_ns[pose.rows.start] as f64 / 1e9;
+            Reading::of([index + 1, 0], rows, pose.rows.clone(), start_s, &found, &steps, false)
         };
         let readings: Vec<Reading> = found.found.iter().enumerate().map(reading).collect();
         let (noise, count) = (errors_of_means(&readings), readings.len());
-        let lengths = readings
+        let magnitudes = readings
             .into_iter()
             .zip(noise)
-            .map(|(reading, errors)| Length::of(table, (rows, &found), reading, errors, gravity));
-        let standstills: Vec<Length> = lengths.flatten().collect();
-        if standstills.is_empty() {
-            return Err(LengthsError::Invalid);
+            .map(|(reading, errors)| Magnitude::of(table, (rows, &found), reading, errors, gravity));
+        let poses: Vec<Magnitude> = magnitudes.flatten().collect();
+        if poses.is_empty() {
+            return Err(MagnitudesError::Invalid);
         }
-        let n = standstills.len() as f64;
-        let errors = || standstills.iter().map(|length| length.error.value);
+        let n = poses.len() as f64;
+        let errors = || poses.iter().map(|magnitude| magnitude.error.value);
         let mean = errors().sum::<f64>() / n;
         let scatter = (errors().map(|error| (error - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
-        let interval = match standstills.len() {
+        let interval = match poses.len() {
             1 => f64::INFINITY,
             many => scatter / n.sqrt() * student_quantile(CONFIDENCE, many - 1),
         };
         Ok(Self {
-            invalid: count - standstills.len(),
+            invalid: count - poses.len(),
             too_short: found.too_short,
             turned: found.turned,
             other_device: others,
-            shown: Shown::of(table, &standstills),
+            shown: TableCoverage::of(table, &poses),
             made_the_table: false,
             gravity,
             gravity_source,
             mean: Estimate { value: mean, interval },
             rms: (errors().map(|error| error * error).sum::<f64>() / n).sqrt(),
-            standstills,
+            poses,
         })
     }
 
-    /// Whether the standstills have more than one attitude; otherwise the recording is a run at one attitude.
+    /// Whether the static poses have more than one attitude; otherwise the recording is a run at one attitude.
     #[must_use]
     pub fn several_attitudes(&self) -> bool {
-        let forces: Vec<_> = self.standstills.iter().map(|length| Vector3::from(length.force)).collect();
+        let forces: Vec<_> = self.poses.iter().map(|magnitude| Vector3::from(magnitude.force)).collect();
         forces.iter().any(|force| force.angle(&forces[0]) > ONE_ATTITUDE)
     }
 
-    /// The standstill with the largest error, the upper end of its interval counted.
+    /// The static pose with the largest error, the upper end of its interval counted.
     #[must_use]
-    pub fn largest(&self) -> &Length {
-        let most = |length: &&Length| length.error.most();
-        let all = self.standstills.iter();
-        all.max_by(|a, b| most(a).total_cmp(&most(b))).unwrap_or(&self.standstills[0])
+    pub fn largest(&self) -> &Magnitude {
+        let most = |magnitude: &&Magnitude| magnitude.error.most();
+        let all = self.poses.iter();
+        all.max_by(|a, b| most(a).total_cmp(&most(b))).unwrap_or(&self.poses[0])
     }
 
-    /// Judges the bounds: `scale` by the largest error of the length relative to gravity. The others need an attitude.
+    /// Judges the bounds: `scale` by the largest error of the magnitude relative to gravity. The others need an attitude.
     #[must_use]
     pub fn judge(&self, requirement: &Requirement) -> Vec<Judgement> {
         let mut found = Vec::new();
@@ -246,10 +246,10 @@ impl Lengths {
             let error = self.largest().error.times(1.0 / self.gravity);
             let limit = format!("at most {:.3} ppm is required", most * 1e6);
             let value = format!("the length {:.3} +- {:.3} ppm", error.value * 1e6, error.interval * 1e6);
-            let few = self.standstills.len() < LEAST_STANDSTILLS;
-            let outside = self.standstills.iter().any(|length| length.out_of_range);
+            let few = self.poses.len() < LEAST_STANDSTILLS;
+            let outside = self.poses.iter().any(|magnitude| magnitude.out_of_range);
             let unshown = format!("not shown, no standstill drives {}", self.shown.undriven.join(", "));
-            // Standstills are at a few temperatures, however carefully the IMU is put down.
+            // Static poses are at a few temperatures, however carefully the IMU is put down.
             let hole = self.shown.hole.as_ref().map(|hole| format!("; not shown over {hole}")).unwrap_or_default();
             let met = format!("met at the temperatures of the standstills{hole}");
             let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
@@ -296,7 +296,7 @@ impl Lengths {
     }
 }
 
-/// Whether telemetry of a standstill is outside the table's ranges.
+/// Whether telemetry of a static pose is outside the table's ranges.
 fn is_out_of_range(table: &CoefficientTable, reading: &Reading) -> bool {
     let beyond = |polynomial: &Polynomial, [low, high]: [f64; 2]| {
         let [from, to] = polynomial.range();

@@ -1,4 +1,4 @@
-//! Standstills: the parts of a recording in which the IMU was at rest, found from its counts alone.
+//! StaticPoses: the parts of a recording in which the IMU was at rest, found from its counts alone.
 //!
 //! A window of W rows is at rest if it is as quiet as the quietest lasting level of the recording, and if at that level
 //! averaging helps: the means of neighbouring windows differ by far less than the rows within them. Movement fails the
@@ -21,8 +21,8 @@ use level::{Level, norm};
 use std::ops::Range;
 use windows::{Counts, GAP, Windows};
 
-/// Length of the windows of [`find_standstills`] \[s\], if no other is asked for.
-pub const STANDSTILL_WINDOW_S: f64 = 0.5;
+/// Length of the windows of [`find_static_poses`] \[s\], if no other is asked for.
+pub const STATIC_POSE_WINDOW_S: f64 = 0.5;
 /// Most R of the level at rest.
 const MOST_WANDER: f64 = 0.4;
 /// Windows for noise that is correlated over half a second \[s\], and the most R with them.
@@ -35,23 +35,23 @@ const SMOOTH: f64 = 0.3;
 const HAND: (f64, f64) = (0.1, 5e-3);
 /// Means of two windows at one attitude differ by at most so many standard errors.
 const SAME_MEAN: f64 = 5.0;
-/// The outermost window of a standstill that differs from its neighbour by more is a movement's.
+/// The outermost window of a static pose that differs from its neighbour by more is a movement's.
 const EDGE: f64 = 3.0;
-/// Least length of a standstill \[s\].
+/// Least length of a static pose \[s\].
 const LEAST_LENGTH_S: f64 = 1.0;
-/// A standstill that turns by more from its first to its last third is left out \[rad\] ..
+/// A static pose that turns by more from its first to its last third is left out \[rad\] ..
 const MOST_TURN_RAD: f64 = 5e-3;
 /// .. if that is so many standard errors.
 const SIGNIFICANT: f64 = 5.0;
-/// Standstills that usually turn by more are none \[rad\]. Real ones reach 1.5e-3.
+/// Static poses that usually turn by more are none \[rad\]. Real ones reach 1.5e-3.
 const USUAL_TURN_RAD: f64 = 2e-3;
-/// Fewest standstills that are judged by their usual turn.
+/// Fewest static poses that are judged by their usual turn.
 const LEAST_TURNS: usize = 3;
 
 /// A part of a recording in which the IMU was at rest.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Standstill {
-    /// Its rows; glitches among them are in [`Standstills::glitches`].
+pub struct StaticPose {
+    /// Its rows; glitches among them are in [`StaticPoses::glitches`].
     pub rows: Range<usize>,
     /// Turn of the specific force from the first to the last third \[rad\]; a change of length is in it.
     pub turn_rad: f64,
@@ -59,16 +59,16 @@ pub struct Standstill {
     pub significance: f64,
 }
 
-/// What [`find_standstills`] found.
+/// What [`find_static_poses`] found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Standstills {
+pub struct StaticPoses {
     /// Rows of a window, W.
     pub window_rows: usize,
-    /// The standstills in order of time; each has at least W rows, and a second of them.
-    pub found: Vec<Standstill>,
-    /// Standstills that are shorter.
+    /// The static poses in order of time; each has at least W rows, and a second of them.
+    pub found: Vec<StaticPose>,
+    /// Static poses that are shorter.
     pub too_short: usize,
-    /// Standstills that [`Standstills::without_turned`] left out.
+    /// Static poses that [`StaticPoses::without_turned`] left out.
     pub turned: usize,
     /// Standard deviation of the counts of a row at rest, of each accelerometer, at least half a step.
     pub noise: [f64; AXES],
@@ -80,9 +80,9 @@ pub struct Standstills {
     pub wander: f64,
 }
 
-/// Why there are no standstills.
+/// Why there are no static poses.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum StandstillError {
+pub enum StaticPoseError {
     /// There are no rows.
     #[error("there are no rows; is it the right recording?")]
     Empty,
@@ -111,7 +111,7 @@ pub enum StandstillError {
         most: f64,
         /// Scatter of these means over the specific force \[rad\].
         scatter_rad: f64,
-        /// Standstills that are found with longer windows, where the rows are correlated.
+        /// Static poses that are found with longer windows, where the rows are correlated.
         longer: usize,
         /// What the counts show, or nothing.
         cause: String,
@@ -129,21 +129,21 @@ pub enum StandstillError {
         /// What the counts show, or nothing.
         cause: String,
     },
-    /// All standstills turn.
-    #[error("{standstills} standstills are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
+    /// All static poses turn.
+    #[error("{poses} standstills are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
         turn_rad * 1e3, USUAL_TURN_RAD * 1e3)]
     Turning {
-        /// Standstills.
-        standstills: usize,
+        /// Static poses.
+        poses: usize,
         /// Their median turn from the first to the last third \[rad\].
         turn_rad: f64,
     },
     /// There is none of the length that is needed.
     #[error("none of the {} standstills can be used: {too_short} are under {least_s:.1} s long without their ends, in {turned} the IMU turned", too_short + turned)]
     TooShort {
-        /// Standstills that are too short.
+        /// Static poses that are too short.
         too_short: usize,
-        /// Standstills in which the IMU turned.
+        /// Static poses in which the IMU turned.
         turned: usize,
         /// Least length \[s\].
         least_s: f64,
@@ -195,12 +195,12 @@ impl Begins {
     }
 }
 
-/// Finds the standstills of a recording, with windows of `window_s` seconds, at least five rows. Without it windows
-/// have [`STANDSTILL_WINDOW_S`], or twice as much where the noise is correlated over them.
+/// Finds the static poses of a recording, with windows of `window_s` seconds, at least five rows. Without it windows
+/// have [`STATIC_POSE_WINDOW_S`], or twice as much where the noise is correlated over them.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_campaign::find_standstills;
+/// use isotherm_campaign::find_static_poses;
 /// use isotherm_shared::wire::RawSample;
 ///
 /// // 10 samples a second: 20 s at rest on A3, 5 s of movement, 20 s at rest on A1. Noise of a few counts.
@@ -215,35 +215,35 @@ impl Begins {
 ///     raw
 /// };
 /// let rows: Vec<_> = (0..450).map(row).collect();
-/// let standstills = find_standstills(&rows, None)?;
-/// assert_eq!((standstills.window_rows, standstills.found.len()), (10, 2));
+/// let poses = find_static_poses(&rows, None)?;
+/// assert_eq!((poses.window_rows, poses.found.len()), (10, 2));
 /// # Ok(())
 /// # }
 /// ```
 ///
 /// # Errors
-/// If no two windows follow each other, if the IMU was never at rest, or if no standstill is long enough.
-pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Standstills, StandstillError> {
+/// If no two windows follow each other, if the IMU was never at rest, or if no static pose is long enough.
+pub fn find_static_poses(rows: &[RawSample], window_s: Option<f64>) -> Result<StaticPoses, StaticPoseError> {
     if rows.is_empty() {
-        return Err(StandstillError::Empty);
+        return Err(StaticPoseError::Empty);
     }
     let (windows, level) = quietest(rows, window_s)?;
     let window_rows = windows.window_rows;
     let scatter_rad = level.scatter_rad(&windows);
     if level.wander > 1.0 / window_rows as f64 + HAND.0 && scatter_rad > HAND.1 {
-        return Err(StandstillError::Moving { window_rows, scatter_rad, cause: counts::cause(rows) });
+        return Err(StaticPoseError::Moving { window_rows, scatter_rad, cause: counts::cause(rows) });
     }
     let least = windows.window_rows.max((LEAST_LENGTH_S * 1e9 / windows.interval_ns).round() as usize);
     let pieces = windows.runs(&level.at_rest(&windows), level.allan);
     let pieces: Vec<_> = pieces.into_iter().map(|run| windows.without_ends(run, level.allan)).collect();
     let long = pieces.iter().filter(|piece| piece.len() >= least);
-    let found: Vec<_> = long.map(|piece| windows.standstill(piece.clone(), level.allan)).collect();
+    let found: Vec<_> = long.map(|piece| windows.pose(piece.clone(), level.allan)).collect();
     let too_short = pieces.len() - found.len();
     if found.is_empty() {
         let least_s = least as f64 * windows.interval_ns / 1e9;
-        return Err(StandstillError::TooShort { too_short, turned: 0, least_s });
+        return Err(StaticPoseError::TooShort { too_short, turned: 0, least_s });
     }
-    Ok(Standstills {
+    Ok(StaticPoses {
         window_rows,
         found,
         too_short,
@@ -256,8 +256,8 @@ pub fn find_standstills(rows: &[RawSample], window_s: Option<f64>) -> Result<Sta
 }
 
 /// The windows and the level at rest: first without windows that do not change, which may be frozen.
-fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level), StandstillError> {
-    let usual = [(STANDSTILL_WINDOW_S, MOST_WANDER), LONGER];
+fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level), StaticPoseError> {
+    let usual = [(STATIC_POSE_WINDOW_S, MOST_WANDER), LONGER];
     let asked = window_s.map(|window_s| [(window_s, MOST_WANDER)]);
     let (mut window_rows, mut lowest) = (0, None);
     for &(window_s, most) in asked.as_ref().map_or(&usual[..], |asked| asked) {
@@ -276,35 +276,35 @@ fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level
     }
     let cause = counts::cause(rows);
     let Some((window_rows, most, wander, scatter_rad)) = lowest else {
-        return Err(StandstillError::TooFewRows { window_rows, cause });
+        return Err(StaticPoseError::TooFewRows { window_rows, cause });
     };
-    let longer = if window_s.is_none() { averaged_standstills(rows) } else { 0 };
-    Err(StandstillError::NeverAtRest { window_rows, wander, most, scatter_rad, longer, cause })
+    let longer = if window_s.is_none() { averaged_poses(rows) } else { 0 };
+    Err(StaticPoseError::NeverAtRest { window_rows, wander, most, scatter_rad, longer, cause })
 }
 
-/// Standstills that are found with windows of 1.5 s, where the rows are averaged or filtered: neighbours differ by far
+/// Static poses that are found with windows of 1.5 s, where the rows are averaged or filtered: neighbours differ by far
 /// less than the rows of a window scatter.
-fn averaged_standstills(rows: &[RawSample]) -> usize {
+fn averaged_poses(rows: &[RawSample]) -> usize {
     let windows = Windows::new(rows, AVERAGED_WINDOW_S);
     let smooth = |level: &Level| level.roughness(&windows) < SMOOTH;
     if !Level::quietest(&windows, true, LONGER.1).is_ok_and(|level| smooth(&level)) {
         return 0;
     }
-    let found = find_standstills(rows, Some(AVERAGED_WINDOW_S)).and_then(Standstills::without_turned);
-    found.map_or(0, |standstills| standstills.found.len())
+    let found = find_static_poses(rows, Some(AVERAGED_WINDOW_S)).and_then(StaticPoses::without_turned);
+    found.map_or(0, |poses| poses.found.len())
 }
 
-fn averaged(standstills: usize) -> String {
-    if standstills == 0 {
+fn averaged(poses: usize) -> String {
+    if poses == 0 {
         return String::new();
     }
     format!(
-        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {standstills} standstills"
+        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {poses} standstills"
     )
 }
 
-impl Standstills {
-    /// Rows of a standstill without glitches.
+impl StaticPoses {
+    /// Rows of a static pose without glitches.
     pub fn rows<'a>(&'a self, rows: &'a [RawSample], of: Range<usize>) -> impl Iterator<Item = &'a RawSample> {
         let first = self.glitches.partition_point(|row| *row < of.start);
         let mut glitches = self.glitches[first..].iter().peekable();
@@ -316,19 +316,19 @@ impl Standstills {
     ///
     /// # Errors
     /// If the IMU usually turned, or if none is left.
-    pub fn without_turned(mut self) -> Result<Self, StandstillError> {
+    pub fn without_turned(mut self) -> Result<Self, StaticPoseError> {
         let n = self.found.len();
-        let squares = self.found.iter().map(|standstill| standstill.significance.powi(2)).sum::<f64>() / n as f64;
-        let turn_rad = median(self.found.iter().map(|standstill| standstill.turn_rad));
+        let squares = self.found.iter().map(|pose| pose.significance.powi(2)).sum::<f64>() / n as f64;
+        let turn_rad = median(self.found.iter().map(|pose| pose.turn_rad));
         // Chi-square with 3 n degrees of freedom, at rest.
         let by_chance = 3.0 + 3.0 * (6.0 / n as f64).sqrt();
         if n >= LEAST_TURNS && squares > by_chance && turn_rad > USUAL_TURN_RAD {
-            return Err(StandstillError::Turning { standstills: n, turn_rad });
+            return Err(StaticPoseError::Turning { poses: n, turn_rad });
         }
-        self.found.retain(|standstill| !standstill.has_turned());
+        self.found.retain(|pose| !pose.has_turned());
         self.turned += n - self.found.len();
         match self.found.is_empty() {
-            true => Err(StandstillError::TooShort {
+            true => Err(StaticPoseError::TooShort {
                 too_short: self.too_short,
                 turned: self.turned,
                 least_s: LEAST_LENGTH_S,
@@ -338,7 +338,7 @@ impl Standstills {
     }
 }
 
-impl Standstill {
+impl StaticPose {
     fn has_turned(&self) -> bool {
         self.turn_rad > MOST_TURN_RAD && self.significance > SIGNIFICANT
     }
@@ -380,14 +380,14 @@ impl Windows {
         start..end
     }
 
-    /// A standstill of rows that are numbered without glitches.
-    fn standstill(&self, piece: Range<usize>, allan: Counts) -> Standstill {
+    /// A static pose of rows that are numbered without glitches.
+    fn pose(&self, piece: Range<usize>, allan: Counts) -> StaticPose {
         let third = (piece.len() / 3).max(1);
         let [first, last] =
             [piece.start..piece.start + third, piece.end - third..piece.end].map(|part| self.mean(part));
         let difference = [0, 1, 2].map(|axis| last[axis] - first[axis]);
         let error = |axis: usize| 2.0 * allan[axis] * self.window_rows as f64 / third as f64;
-        Standstill {
+        StaticPose {
             turn_rad: norm(difference) / norm(self.mean(piece.clone())),
             significance: (0..AXES).map(|axis| difference[axis].powi(2) / error(axis)).sum::<f64>().sqrt(),
             rows: self.rows[piece.start]..self.rows[piece.end - 1] + 1,

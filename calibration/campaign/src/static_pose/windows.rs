@@ -15,7 +15,7 @@ const MOST_LOST: f64 = 0.2;
 const GLITCH: f64 = 10.0;
 /// Variance of a window in which nothing changes but the last digit, over that of one step.
 const LIVE: f64 = 1e-6;
-/// No standstill goes on over a pause as long \[ns\].
+/// No static pose goes on over a pause as long \[ns\].
 const LONGEST_PAUSE_NS: u64 = 600_000_000_000;
 
 /// Net counts of a row, of each accelerometer.

@@ -1,7 +1,7 @@
-//! Simulated recordings of an IMU that is put down by hand, and of one that never rests: which standstills are found.
+//! Simulated recordings of an IMU that is put down by hand, and of one that never rests: which static poses are found.
 //! They vary rate, noise, counts, rests, moves, tremor, bumps, low-pass filters, lost rows, glitches and fans.
 
-use isotherm_campaign::{Standstills, find_standstills};
+use isotherm_campaign::{StaticPoses, find_static_poses};
 use isotherm_shared::wire::RawSample;
 use isotherm_simulation::RandomGenerator;
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -148,14 +148,14 @@ fn overlap(a: &Range<usize>, b: &Range<usize>) -> usize {
     a.end.min(b.end).saturating_sub(a.start.max(b.start))
 }
 
-/// Recordings refused, rests missed of all of two seconds or more, standstills found of which over a fifth is a move,
+/// Recordings refused, rests missed of all of two seconds or more, static poses found of which over a fifth is a move,
 /// of all found.
 fn tally(count: u64) -> [usize; 5] {
     let [mut refused, mut missed, mut rests, mut wrong, mut all] = [0; 5];
     for seed in 0..count {
         let (sensor, recording) = honest(seed);
         rests += recording.rests.len();
-        let found = match find_standstills(&recording.rows, None).and_then(Standstills::without_turned) {
+        let found = match find_static_poses(&recording.rows, None).and_then(StaticPoses::without_turned) {
             Ok(found) => found,
             Err(error) => {
                 println!("{seed}: {error}, at {} Hz, low-pass {:.2}", sensor.rate, sensor.weight);
@@ -163,7 +163,7 @@ fn tally(count: u64) -> [usize; 5] {
                 continue;
             }
         };
-        let found: Vec<_> = found.found.iter().map(|standstill| standstill.rows.clone()).collect();
+        let found: Vec<_> = found.found.iter().map(|pose| pose.rows.clone()).collect();
         let is_found = |rest: &&Range<usize>| found.iter().any(|rows| 3 * overlap(rows, rest) > rest.len());
         let missing = recording.rests.iter().filter(|rest| !is_found(rest)).count();
         let inside = |rows: &Range<usize>| recording.rests.iter().map(|rest| overlap(rows, rest)).max().unwrap_or(0);
@@ -181,7 +181,7 @@ fn tally(count: u64) -> [usize; 5] {
 }
 
 fn at_rest(kind: &str, count: u64) -> u64 {
-    let is_found = |rows: &[RawSample]| find_standstills(rows, None).and_then(Standstills::without_turned).is_ok();
+    let is_found = |rows: &[RawSample]| find_static_poses(rows, None).and_then(StaticPoses::without_turned).is_ok();
     let found = (0..count).filter(|seed| is_found(&restless(kind, *seed))).count() as u64;
     println!("{kind}: standstills in {found} of {count}");
     found
@@ -196,12 +196,12 @@ fn check(count: u64) {
 }
 
 #[test]
-fn standstills_of_honest_recordings_are_found_and_no_others() {
+fn poses_of_honest_recordings_are_found_and_no_others() {
     check(40);
 }
 
 #[test]
 #[ignore = "minutes"]
-fn standstills_of_a_thousand_honest_recordings_are_found_and_no_others() {
+fn poses_of_a_thousand_honest_recordings_are_found_and_no_others() {
     check(1000);
 }

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 const DEPENDENT: f64 = 1e-9;
 
 /// Coordinates in which the shapes are not 0, and what the residuals have beside them.
-pub(super) struct Reduced {
+pub(super) struct Remainder {
     /// The residuals.
     pub right: DVector<f64>,
     /// The columns of the shapes.
@@ -18,7 +18,7 @@ pub(super) struct Reduced {
     pub other_squares: f64,
 }
 
-impl Reduced {
+impl Remainder {
     /// What `columns` leave of the residuals and of the shapes. Columns that depend on others leave as much. The
     /// effort is linear in the number of residuals.
     pub(super) fn of(columns: &DMatrix<f64>, shapes: &Shapes, residual: &DVector<f64>) -> Self {

@@ -1,7 +1,7 @@
-//! The length of the compensated specific force at rest, against gravity.
+//! The magnitude of the compensated specific force at rest, against gravity.
 
 use crate::net::net;
-use crate::standstill::{Standstills, find_standstills};
+use crate::static_pose::{StaticPoses, find_static_poses};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{AXES, RawSample};
@@ -9,9 +9,9 @@ use isotherm_statistics::median;
 use isotherm_support::finding::{Finding, name};
 
 /// Rows from the begin of a recording that are looked at; each takes 256 bytes.
-pub const LENGTH_ROWS: usize = 50_000;
-/// Largest difference of the length at rest from gravity, over gravity: no place on Earth, no bias of a table and no
-/// turn of a standstill makes as much.
+pub const MAGNITUDE_ROWS: usize = 50_000;
+/// Largest difference of the magnitude at rest from gravity, over gravity: no place on Earth, no bias of a table and no
+/// turn of a static pose makes as much.
 const MOST_OFF: f64 = 0.02;
 /// Largest scatter of a row at rest, over gravity.
 const MOST_SCATTER: f64 = 0.1;
@@ -19,24 +19,24 @@ const MOST_SCATTER: f64 = 0.1;
 /// if they were [`USUAL_NS`].
 const PLAUSIBLE_NS: [f64; 2] = [200e3, 2e9];
 const USUAL_NS: f64 = 20e6;
-/// How far a length may be off gravity in another unit: the biases of cheap sensors are in it.
+/// How far a magnitude may be off gravity in another unit: the biases of cheap sensors are in it.
 const AS_UNIT: f64 = 0.1;
 
-/// That the length of the compensated specific force at rest is not gravity: over 2 % off the local gravity of the
-/// table, else its g0. It is the median over the standstills of the first [`LENGTH_ROWS`] rows; `None` if there are
+/// That the magnitude of the compensated specific force at rest is not gravity: over 2 % off the local gravity of the
+/// table, else its g0. It is the median over the static poses of the first [`MAGNITUDE_ROWS`] rows; `None` if there are
 /// none, or no output that is a number. Rows in motion are not judged.
 #[must_use]
-pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Finding> {
-    let rows = &rows[..rows.len().min(LENGTH_ROWS)];
-    let standstills = standstills(rows).filter(|standstills| is_quiet(rows, standstills))?;
-    let lengths = standstills.found.iter().map(|it| length(table, standstills.rows(rows, it.rows.clone())));
-    let lengths: Vec<f64> = lengths.filter(|length| length.is_finite()).collect();
-    let length = if lengths.is_empty() { return None } else { median(lengths) };
+pub fn magnitude_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Finding> {
+    let rows = &rows[..rows.len().min(MAGNITUDE_ROWS)];
+    let poses = poses(rows).filter(|poses| is_quiet(rows, poses))?;
+    let magnitudes = poses.found.iter().map(|it| magnitude(table, poses.rows(rows, it.rows.clone())));
+    let magnitudes: Vec<f64> = magnitudes.filter(|magnitude| magnitude.is_finite()).collect();
+    let magnitude = if magnitudes.is_empty() { return None } else { median(magnitudes) };
     let g0 = table.content().gravity;
     let (gravity, source) = table.gravity_local().map_or((g0, "g0 of the table"), |local| (local, "local gravity"));
-    let ratio = length / gravity;
+    let ratio = magnitude / gravity;
     ((ratio - 1.0).abs() > MOST_OFF).then(|| {
-        let as_unit = |unit: f64| (length * unit / gravity - 1.0).abs() <= AS_UNIT;
+        let as_unit = |unit: f64| (magnitude * unit / gravity - 1.0).abs() <= AS_UNIT;
         let remedy = match () {
             () if as_unit(g0) => "; the readings look like g: give accelerometer.unit = \"g\" in a mapping (--mapping)",
             () if as_unit(g0 / 1e3) => {
@@ -47,28 +47,28 @@ pub fn length_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Fi
         let message = format!(
             "{} g0 at rest: the specific force is {} m/s2, {source} {gravity} m/s2, {} times; counts, interval_ns, and \
              the table's scale factors and biases enter{remedy}",
-            digits(length / g0),
-            digits(length),
+            digits(magnitude / g0),
+            digits(magnitude),
             digits(ratio),
         );
         Finding::fault(name::NOT_GRAVITY, message)
     })
 }
 
-/// Whether the rows of the standstills scatter by far less than gravity: what shakes may be in motion as well.
-fn is_quiet(rows: &[RawSample], standstills: &Standstills) -> bool {
+/// Whether the rows of the static poses scatter by far less than gravity: what shakes may be in motion as well.
+fn is_quiet(rows: &[RawSample], poses: &StaticPoses) -> bool {
     let norm = |counts: [f64; AXES]| counts.iter().map(|count| count * count).sum::<f64>().sqrt();
-    let at_rest = || standstills.found.iter().flat_map(|it| standstills.rows(rows, it.rows.clone()));
-    let length = median(at_rest().map(|row| norm([0, 1, 2].map(|axis| net(row, axis)))));
-    norm(standstills.noise) < MOST_SCATTER * length
+    let at_rest = || poses.found.iter().flat_map(|it| poses.rows(rows, it.rows.clone()));
+    let magnitude = median(at_rest().map(|row| norm([0, 1, 2].map(|axis| net(row, axis)))));
+    norm(poses.noise) < MOST_SCATTER * magnitude
 }
 
-/// The standstills, the times of which need not be right.
-fn standstills(rows: &[RawSample]) -> Option<Standstills> {
+/// The static poses, the times of which need not be right.
+fn poses(rows: &[RawSample]) -> Option<StaticPoses> {
     let interval_ns = median(rows.iter().map(|row| row.interval_ns as f64));
     let [least, most] = PLAUSIBLE_NS;
     if (least..=most).contains(&interval_ns) {
-        return find_standstills(rows, None).ok();
+        return find_static_poses(rows, None).ok();
     }
     let factor = USUAL_NS / interval_ns.max(1.0);
     let scaled = |ns: u64| (ns as f64 * factor) as u64;
@@ -78,11 +78,11 @@ fn standstills(rows: &[RawSample]) -> Option<Standstills> {
         interval_ns: scaled(row.interval_ns),
         ..*row
     };
-    find_standstills(&rows.iter().map(slower).collect::<Vec<_>>(), None).ok()
+    find_static_poses(&rows.iter().map(slower).collect::<Vec<_>>(), None).ok()
 }
 
-/// The length of the mean specific force of rows \[m/s2\].
-fn length<'a>(table: &CoefficientTable, rows: impl Iterator<Item = &'a RawSample>) -> f64 {
+/// The magnitude of the mean specific force of rows \[m/s2\].
+fn magnitude<'a>(table: &CoefficientTable, rows: impl Iterator<Item = &'a RawSample>) -> f64 {
     let (mut sum, mut seconds) = ([0.0; AXES], 0.0);
     for row in rows {
         let increment = answer(Some(table), row).velocity_increment;
@@ -117,7 +117,7 @@ mod tests {
                 ..row
             })
             .collect();
-        length_at_rest(&truth.table, &rows).map(|finding| finding.message)
+        magnitude_at_rest(&truth.table, &rows).map(|finding| finding.message)
     }
 
     #[test]
