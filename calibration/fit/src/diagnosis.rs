@@ -18,10 +18,10 @@
 
 mod cause;
 mod evident;
+mod explanation;
 mod hypothesis;
 mod position_off;
 mod reduction;
-mod trials;
 mod unit;
 mod words;
 
@@ -30,10 +30,7 @@ pub(crate) use cause::Diagnosis;
 use isotherm_campaign::{Campaign, Dwell};
 use isotherm_support::finding::{Finding, Severity, name};
 pub(crate) use position_off::positions_off;
-use trials::Trials;
-
-/// With more dwells, nothing is tried: the rows are no campaign then.
-pub(super) const MAX_DWELLS: usize = 20_000;
+use reduction::{MAX_DWELLS, Trials};
 
 /// The single mistake that explains the `findings` about `dwells`; `None` if there is none, or if there are several. A
 /// finding that is the mistake itself is taken out of the findings.

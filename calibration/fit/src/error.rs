@@ -1,7 +1,7 @@
 //! Why no table can be made of a campaign.
 
 use crate::diagnosis::Diagnosis;
-use crate::one_stage::OneStageError;
+use crate::joint::OneStageError;
 use crate::transients::TransientsError;
 use crate::tumble::error::TumbleError;
 use isotherm_shared::table::Refusal;

@@ -1,12 +1,25 @@
 //! What the joint fits of accelerometers and of gyroscopes share: Gauss-Newton steps with a QR factorisation, and the
 //! covariance from the scatter between set points.
 
-use crate::one_stage::OneStageError;
 use isotherm_statistics::{LeastSquares, least_squares};
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
 const MAX_STEPS: usize = 30;
+
+/// Why there is no solution.
+#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
+pub enum OneStageError {
+    /// The dwells do not determine all unknowns.
+    #[error("the dwells do not determine {unknowns} unknowns; take a lower order, or more set points or positions")]
+    Undetermined {
+        /// Number of unknowns.
+        unknowns: usize,
+    },
+    /// The Gauss-Newton steps do not become small.
+    #[error("the fit does not converge; the samples contradict the positions")]
+    Divergence,
+}
 
 /// A linearisation and its solution.
 pub(crate) struct NewtonStep {
@@ -27,7 +40,7 @@ impl NewtonStep {
     }
 
     /// Covariance of the unknowns: that of the deviations of the set points' own parameters from the fit, propagated
-    /// through the estimator. Each set point has its deviations and B = J'L, see [`one_stage`](crate::one_stage);
+    /// through the estimator. Each set point has its deviations and B = J'L, see the header of `one_stage`;
     /// `freedom` gives the degrees of freedom of each parameter.
     pub(crate) fn covariance(
         &self,

@@ -27,7 +27,7 @@
 //! ```
 
 use crate::checks::SetPoint;
-use crate::joint::{JointModel, NewtonStep, Numbering};
+use crate::joint::{JointModel, NewtonStep, Numbering, OneStageError};
 use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, pseudo_inverse, student_quantile};
@@ -40,20 +40,6 @@ const SINGULAR: f64 = 1e-9;
 /// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and
 /// its two misalignments; the tilt comes last.
 const QUANTITIES: usize = 3;
-
-/// Why there is no solution.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum OneStageError {
-    /// The dwells do not determine all unknowns.
-    #[error("the dwells do not determine {unknowns} unknowns; take a lower order, or more set points or positions")]
-    Undetermined {
-        /// Number of unknowns.
-        unknowns: usize,
-    },
-    /// The Gauss-Newton steps do not become small.
-    #[error("the fit does not converge; the samples contradict the positions")]
-    Divergence,
-}
 
 /// The estimate for one accelerometer.
 #[derive(Clone, Debug, PartialEq)]

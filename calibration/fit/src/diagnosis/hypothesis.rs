@@ -1,8 +1,7 @@
 //! The hypotheses about what is wrong with the positions, cables or angles.
 
 use super::position_off::MAX_POSITIONS;
-use super::reduction::{Direction, Reduction, in_order, with_exchanged};
-use super::trials::Trials;
+use super::reduction::{Direction, Reduction, Trials, in_order, with_exchanged};
 use crate::checks::SetPoint;
 use isotherm_campaign::{Dwell, Position, specific_force};
 use isotherm_shared::wire::AXES;

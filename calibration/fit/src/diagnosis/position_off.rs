@@ -1,8 +1,6 @@
 //! Positions that are not where the campaign file states them.
 
-use super::MAX_DWELLS;
-use super::reduction::UNKNOWNS;
-use super::trials::{GOOD, Trials};
+use super::reduction::{GOOD, MAX_DWELLS, Trials, UNKNOWNS};
 use crate::checks::SetPoint;
 use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position};
 use isotherm_shared::wire::AXES;

@@ -1,11 +1,16 @@
 //! One set point, reduced under a hypothesis.
 
-use super::trials::Trials;
 use crate::checks::SetPoint;
-use isotherm_campaign::{Dwell, PARAMETERS};
+use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
 use nalgebra::{DMatrix, DVector};
 
+/// With more dwells, nothing is tried: the rows are no campaign then.
+pub(super) const MAX_DWELLS: usize = 20_000;
+/// Residuals below this need no diagnosis \[g0\].
+pub(super) const GOOD: f64 = 20e-6;
+/// Residual of scale factors with a wrong sign \[g0\].
+pub(super) const WRONG_SIGN: f64 = 1.0;
 /// Least degrees of freedom of a set point without one of its positions.
 const MIN_FREEDOM: usize = 3;
 /// Added to the normal equations' scaled diagonal, so that what a set point does not determine stays 0.
@@ -38,6 +43,17 @@ pub(super) fn with_exchanged(a: [usize; 2], b: [usize; 2]) -> Columns {
     })
 }
 
+/// Trials of hypotheses on the dwells of a campaign.
+pub(super) struct Trials<'a> {
+    pub campaign: &'a Campaign,
+    pub dwells: &'a [Dwell],
+    pub set_points: &'a [SetPoint],
+    pub directions: Vec<Direction>,
+    /// Residuals of each set point as the campaign file states it \[g0\], [`WRONG_SIGN`] if a scale factor has a wrong
+    /// sign; NaN if it cannot be reduced.
+    pub stated: Vec<f64>,
+}
+
 /// One set point, reduced under a hypothesis.
 pub(super) struct Reduction {
     /// Residual standard deviation \[g0\].
@@ -49,7 +65,18 @@ pub(super) struct Reduction {
     pub nominal: [[f64; 2]; AXES],
 }
 
-impl Trials<'_> {
+impl<'a> Trials<'a> {
+    pub(super) fn new(campaign: &'a Campaign, dwells: &'a [Dwell], set_points: &'a [SetPoint]) -> Self {
+        let directions = campaign.positions.iter().map(|position| campaign.force(position, Some([0.0; 2]))).collect();
+        let mut trials = Self { campaign, dwells, set_points, directions, stated: Vec::new() };
+        let stated = |set_point: &SetPoint| {
+            let reduction = trials.try_positions(set_point, &[], |position| position);
+            reduction.map_or(f64::NAN, |r| if r.sign == [1; AXES] { r.sd } else { WRONG_SIGN })
+        };
+        trials.stated = set_points.iter().map(stated).collect();
+        trials
+    }
+
     pub(super) fn try_positions(
         &self,
         set_point: &SetPoint,

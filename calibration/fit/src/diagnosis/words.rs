@@ -1,7 +1,8 @@
 //! What is said about a hypothesis that holds: the mistake and its remedy.
 
+use super::explanation::EXPLAINS;
 use super::hypothesis::{Hypothesis, PositionMistake};
-use super::trials::{EXPLAINS, Trials};
+use super::reduction::Trials;
 use isotherm_campaign::{Position, SAME_DIRECTION, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;

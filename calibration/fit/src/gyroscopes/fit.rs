@@ -23,7 +23,7 @@ use super::input::GyroscopeRun;
 use super::model::{GyroscopeCurves, GyroscopeModel, PARAMETERS};
 use super::solution::TriadSolution;
 use crate::joint::JointModel as _;
-use crate::one_stage::OneStageError;
+use crate::joint::OneStageError;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::Curve;
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -43,6 +43,16 @@ pub(super) fn solve(
 }
 
 impl GyroscopeModel<'_> {
+    /// Takes misalignments, g-sensitivities and Earth's rate from a solution.
+    fn set_constants(&mut self, solution: &TriadSolution) {
+        for (axis, part) in solution.gyroscopes.iter().enumerate() {
+            (0..2).for_each(|k| self.unknown[self.misalignments[axis] + k] = part.misalignment[k]);
+            (0..AXES).for_each(|k| self.unknown[self.g_sensitivities[axis] + k] = part.g_sensitivity[k]);
+        }
+        let earth = solution.earth.unwrap_or_default();
+        (0..2).for_each(|k| self.unknown[self.earth + k] = earth[k]);
+    }
+
     /// A solution without a fit of the curves: only the residuals are computed. `constants` has, for each gyroscope,
     /// misalignments and g-sensitivities with their errors; `earth` Earth's rate with its errors.
     pub(super) fn fixed(

@@ -3,7 +3,6 @@
 use super::input::GyroscopeRun;
 use super::rotation::{TurnIntegrals, hold_at_rest};
 use super::runs::TurnBlock;
-use super::solution::TriadSolution;
 use crate::joint::{JointModel, NewtonStep, Numbering};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::Curve;
@@ -167,16 +166,6 @@ impl<'a> GyroscopeModel<'a> {
             (0..2).for_each(|k| set(self.earth + k, by[PARAMETERS + k]));
         }
         (residual * weight, by)
-    }
-
-    /// Takes misalignments, g-sensitivities and Earth's rate from a solution.
-    pub(super) fn set_constants(&mut self, solution: &TriadSolution) {
-        for (axis, part) in solution.gyroscopes.iter().enumerate() {
-            (0..2).for_each(|k| self.unknown[self.misalignments[axis] + k] = part.misalignment[k]);
-            (0..AXES).for_each(|k| self.unknown[self.g_sensitivities[axis] + k] = part.g_sensitivity[k]);
-        }
-        let earth = solution.earth.unwrap_or_default();
-        (0..2).for_each(|k| self.unknown[self.earth + k] = earth[k]);
     }
 
     /// Jacobian and residuals at the current values, without the unknown components of Earth's rate.

@@ -3,7 +3,8 @@
 use super::input::GyroscopeRun;
 use super::model::{GyroscopeCurves, GyroscopeModel, PARAMETERS, QUANTITIES};
 use crate::joint::JointModel as _;
-use crate::one_stage::{OneStageError, SetPointValues};
+use crate::joint::OneStageError;
+use crate::one_stage::SetPointValues;
 use crate::sensor::ReducedSensor;
 use isotherm_shared::wire::AXES;
 

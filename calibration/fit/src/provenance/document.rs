@@ -1,6 +1,7 @@
 //! A document as structs that serde writes, and what all kinds of provenance have in common.
 
 use crate::accuracy::largest_interval;
+use crate::triad::{CalibratedTriad, beside_diagonal};
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
@@ -81,4 +82,19 @@ pub(crate) fn matrix_rows(matrix: &Matrix3<f64>) -> [[f64; AXES]; AXES] {
 /// The three values, if each is known.
 pub(crate) fn known<T>([a, b, c]: [Option<T>; AXES]) -> Option<[T; AXES]> {
     Some([a?, b?, c?])
+}
+
+/// The matrix of the standard errors of misalignments.
+pub(super) fn misalignment_error(triad: &CalibratedTriad<'_>) -> Option<[[f64; AXES]; AXES]> {
+    Some(beside_diagonal(0.0, known(triad.misalignment_error)?))
+}
+
+/// Known values in millionths.
+pub(super) fn millionths(values: [Option<f64>; AXES]) -> Option<[f64; AXES]> {
+    known(values).map(|values| values.map(|value| value * 1e6))
+}
+
+/// `-25/3`, as `--exclude` takes it.
+pub(super) fn place(set_point: f64, number: u32) -> String {
+    format!("{set_point}/{number}")
 }

@@ -1,7 +1,6 @@
 //! What the provenance of a table with gyroscopes has more.
 
-use super::document::{known, matrix_rows, view};
-use super::turntable::{millionths, misalignment_error, place};
+use super::document::{known, matrix_rows, millionths, misalignment_error, place, view};
 use crate::accuracy::Accuracy;
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::gyroscopes::earth::{EarthCheck, LeftOver};

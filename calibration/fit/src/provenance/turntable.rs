@@ -1,13 +1,13 @@
 //! The provenance of a campaign on a turntable.
 
-use super::document::{CurveErrorsRecord, known, matrix_rows, view};
+use super::document::{CurveErrorsRecord, matrix_rows, millionths, misalignment_error, place, view};
 use super::gyroscopes::{GyroscopeProvenance, GyroscopeSetPointRecord};
 use super::source::{CampaignSource, ReadRecord};
 use super::transients::TransientsRecord;
 use crate::accuracy::Accuracy;
 use crate::reduce::SensorReduction;
 use crate::result::Calibration;
-use crate::triad::{CalibratedTriad, beside_diagonal};
+use crate::triad::CalibratedTriad;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
@@ -115,17 +115,4 @@ fn outliers(campaign: &Campaign, calibration: &Calibration) -> Vec<String> {
         format!("{} {}", place(dwell.set_point_c, campaign.positions[dwell.position].number), AXIS_NAMES[axis])
     };
     calibration.outliers.iter().map(outlier).collect()
-}
-
-pub(super) fn misalignment_error(triad: &CalibratedTriad<'_>) -> Option<[[f64; AXES]; AXES]> {
-    Some(beside_diagonal(0.0, known(triad.misalignment_error)?))
-}
-
-pub(super) fn millionths(values: [Option<f64>; AXES]) -> Option<[f64; AXES]> {
-    known(values).map(|values| values.map(|value| value * 1e6))
-}
-
-/// `-25/3`, as `--exclude` takes it.
-pub(super) fn place(set_point: f64, number: u32) -> String {
-    format!("{set_point}/{number}")
 }

@@ -1,7 +1,22 @@
 //! The terms of a fit: their coefficients, errors and tests.
 
-use super::{LinearTerm, Partial, f_tail};
+use super::linear::LinearTerm;
 use crate::double_double::DoubleDouble;
+use crate::tails::f_tail;
+use serde::Serialize;
+
+/// The partial sum of squares of one term, and its test.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Partial {
+    /// The term's power.
+    pub term: usize,
+    /// Q(without the term) - Q, eq. (16).
+    pub sum_of_squares: f64,
+    /// F with 1 and n-m-1 degrees of freedom; none for a perfect fit.
+    pub f: Option<f64>,
+    /// Probability of a larger F if the term had no effect.
+    pub p: Option<f64>,
+}
 
 /// The terms of one order, in one basis. Row i of its matrix gives coefficient i from Q'y.
 pub(super) struct Terms<'a> {

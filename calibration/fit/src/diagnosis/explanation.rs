@@ -1,35 +1,17 @@
-//! Trials of hypotheses on the dwells of a campaign.
+//! The hypothesis that explains the data.
 
 use super::cause::{Diagnosis, MAX_GOOD, OF_FORCES, diagnosis};
 use super::hypothesis::Hypothesis;
 use super::position_off::{POSITION_OFF, POSITION_OFF_OTHERS};
-use super::reduction::Direction;
-use crate::checks::SetPoint;
-use isotherm_campaign::{Campaign, Dwell};
-use isotherm_shared::wire::AXES;
+use super::reduction::{GOOD, Trials, WRONG_SIGN};
 use isotherm_support::finding::{Finding, Location, RunNumber, Severity, name};
 
-/// Residuals below this need no diagnosis \[g0\].
-pub(super) const GOOD: f64 = 20e-6;
 /// A hypothesis must reduce the residuals by this factor.
 pub(super) const EXPLAINS: f64 = 10.0;
 /// Hypotheses whose residuals are within this factor of the best are as good as it is.
 const AS_GOOD: f64 = 4.0;
 /// More hypotheses that are equally good are no diagnosis.
 const MAX_AMBIGUOUS: usize = 3;
-/// Residual of scale factors with a wrong sign \[g0\].
-const WRONG_SIGN: f64 = 1.0;
-
-/// Trials of hypotheses on the dwells of a campaign.
-pub(super) struct Trials<'a> {
-    pub campaign: &'a Campaign,
-    pub dwells: &'a [Dwell],
-    pub set_points: &'a [SetPoint],
-    pub directions: Vec<Direction>,
-    /// Residuals of each set point as the campaign file states it \[g0\], [`WRONG_SIGN`] if a scale factor has a wrong
-    /// sign; NaN if it cannot be reduced.
-    pub stated: Vec<f64>,
-}
 
 /// Root mean square.
 fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
@@ -51,18 +33,7 @@ fn size(g0: f64) -> String {
     if g0 < 1e-3 { format!("{:.1}e-6 g0", g0 * 1e6) } else { format!("{g0:.3} g0") }
 }
 
-impl<'a> Trials<'a> {
-    pub(super) fn new(campaign: &'a Campaign, dwells: &'a [Dwell], set_points: &'a [SetPoint]) -> Self {
-        let directions = campaign.positions.iter().map(|position| campaign.force(position, Some([0.0; 2]))).collect();
-        let mut trials = Self { campaign, dwells, set_points, directions, stated: Vec::new() };
-        let stated = |set_point: &SetPoint| {
-            let reduction = trials.try_positions(set_point, &[], |position| position);
-            reduction.map_or(f64::NAN, |r| if r.sign == [1; AXES] { r.sd } else { WRONG_SIGN })
-        };
-        trials.stated = set_points.iter().map(stated).collect();
-        trials
-    }
-
+impl Trials<'_> {
     /// The hypothesis that explains the residuals. Where a position is off in dwells in which the IMU moved, by one of
     /// the `findings`, the motion is the cause.
     pub(super) fn forces(&self, with_off: bool, findings: &[Finding]) -> Option<Diagnosis> {
