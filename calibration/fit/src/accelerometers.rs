@@ -17,7 +17,7 @@ use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, jo
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, OrderTable, PureError};
+use isotherm_statistics::{OrderTable, PureError};
 use isotherm_support::finding::{Finding, RunNumber, Severity, any_fault};
 use nalgebra::{Matrix3, Vector3};
 
@@ -161,12 +161,7 @@ impl Data<'_> {
         let order_tables = |values: &[SetPointValues], own: Option<&[[SensorReduction; AXES]]>| {
             rules.tables(values, options.order, highest, |axis, q| own_error(own?, set_points, axis, q))
         };
-        let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
-            let curve = |axis: usize, q: usize| {
-                Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-            };
-            [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-        };
+        let curves = |orders: &[[OrderTable; 3]; AXES]| crate::orders::curves(orders, &ranges);
         // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set
         // points.
         let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>(), None)?;

@@ -187,12 +187,7 @@ fn fit_runs(
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
     let rules = OrderRules::gyroscopes();
     let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest, |_, _| None);
-    let curves = |orders: &[[OrderTable; 3]; AXES]| -> GyroscopeCurves {
-        let curve = |axis: usize, q: usize| {
-            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-        };
-        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-    };
+    let curves = |orders: &[[OrderTable; 3]; AXES]| crate::orders::curves(orders, ranges);
     let values = |reduced: &SetPointReduction| {
         [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
     };

@@ -73,6 +73,7 @@ pub use rest::{LeftOutCause, LeftOutPart, RowAccount};
 pub use result::Calibration;
 pub use screen::{BadKind, BadRow, BadRows};
 pub use sensor::{ReducedSensor, TriadUnits};
+pub use table::axis_of;
 pub use transients::{
     BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,
     Transients, TransientsError, fit,

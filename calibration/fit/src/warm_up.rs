@@ -34,12 +34,13 @@ use crate::error::CalibrationError;
 use crate::options::CalibrationOptions;
 use crate::ramps::{RampCalibration, ramp_calibration};
 use crate::rest::at_rest;
+use crate::table::{axis_mut, axis_of, set_bias};
 use crate::transients::{BiasTransient, BinValue, RampRecording, bin_values};
 use curves::{Part, Scatter, Series, Shape, Weight, spread};
 use isotherm_autopilot::Autopilot;
 use isotherm_campaign::Campaign;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{Axis, CoefficientTable, Content};
+use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{CELSIUS, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{largest, sweeps};
@@ -157,13 +158,6 @@ fn extremes(recordings: &[RampRecording], kind: SensorKind, axis: usize, which: 
     let sensor = axis + if kind == SensorKind::Gyroscope { AXES } else { 0 };
     let all = recordings.iter().filter_map(|recording| recording.extremes(sensor)[which]);
     all.reduce(|[a, b], [low, high]| [a.min(low), b.max(high)])
-}
-
-fn axis_of(content: &Content, kind: SensorKind, axis: usize) -> Option<&Axis> {
-    match kind {
-        SensorKind::Accelerometer => content.axes.get(axis),
-        SensorKind::Gyroscope => content.gyroscopes.as_ref()?.axes.get(axis),
-    }
 }
 
 /// The sweeps of the mean telemetry of the accelerometers.
@@ -318,15 +312,8 @@ fn with_curves(
     let mut content = ramps.table.content().clone();
     for bias in biases {
         let board = extremes(recordings, bias.kind, bias.axis, BOARD);
-        let axes = match (bias.kind, &mut content.gyroscopes) {
-            (SensorKind::Gyroscope, Some(gyroscopes)) => &mut gyroscopes.axes,
-            _ => &mut content.axes,
-        };
-        let axis = &mut axes[bias.axis];
-        let factor = axis.bias_unit.factor();
-        let coefficients: Vec<_> = bias.curve.coefficients().iter().map(|c| c / factor).collect();
-        let curve = &bias.curve;
-        axis.bias = Polynomial::new(&coefficients, curve.center(), curve.scale(), curve.range()).unwrap_or(axis.bias);
+        let axis = axis_mut(&mut content, bias.kind, bias.axis);
+        set_bias(axis, &bias.curve);
         for scale_factor in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
             let ([low, high], Some([least, most])) = (scale_factor.range(), board) else { continue };
             if scale_factor.coefficients().len() == 1 {

@@ -1,10 +1,11 @@
 //! A calibration without a turntable as text, JSON and page.
 
 use super::findings::findings;
-use super::page::{Cell, NoteKind, Page};
+use super::page::{Cell, Page};
 use super::plot::{Plot, Style};
 use super::text::within;
 use super::view::{value, view};
+use crate::parts::grid;
 use isotherm_campaign::{Campaign, GravitySource, joint_range};
 use isotherm_fit::{CampaignSource, Reading, TumbleCalibration, largest_band, largest_interval};
 use isotherm_recording::Losses;
@@ -285,9 +286,7 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
     page.paragraph(&format!("This is {NOT_OBSERVABLE}."));
-    for finding in &calibration.findings {
-        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
-    }
+    page.findings(&calibration.findings);
     if calibration.unknowns.order > 0 {
         curves(&mut page, calibration);
     }
@@ -344,12 +343,10 @@ fn curves(page: &mut Page, calibration: &TumbleCalibration) {
     for (axis, name) in AXIS_NAMES.iter().enumerate() {
         for (quantity, label) in ["Bias / 1e-6 g0", "K+ / ppm", "K- / ppm"].into_iter().enumerate() {
             let curve = &calibration.curves[axis][quantity];
-            let [low, high] = curve.range();
             let middle = curve.at(calibration.mid(axis, quantity));
             let quantile = curve.band_quantile(CONFIDENCE);
             let shown = |value: f64| if quantity == 0 { value * 1e6 } else { (value / middle - 1.0) * 1e6 };
-            let points: Vec<f64> =
-                (0..=CURVE_INTERVALS).map(|i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64).collect();
+            let points: Vec<f64> = grid(curve.range(), CURVE_INTERVALS).collect();
             let band = points.iter().filter_map(|&at| {
                 let half = curve.half_width(at, quantile?)?;
                 let ends = [curve.at(at) - half, curve.at(at) + half].map(shown);

@@ -3,7 +3,7 @@
 use crate::findings::findings;
 use crate::json::transients::TransientsView;
 use crate::page::{Cell, Column, NoteKind, Page};
-use crate::parts::provenance;
+use crate::parts::{CURVE_INTERVALS, grid, provenance};
 use crate::plot::{Plot, Style};
 use crate::text::{transients, within};
 use crate::view::{value, view};
@@ -15,9 +15,6 @@ use isotherm_fit::{
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use serde_json::Value;
-
-/// Intervals between the points of a drawn curve.
-const CURVE_INTERVALS: usize = 120;
 
 /// A calibration in a few lines: the error of the curves, then what they leave.
 #[must_use]
@@ -226,9 +223,7 @@ pub(crate) fn fill(page: &mut Page, campaign: &Campaign, calibration: &WarmUpCal
     before_and_after(page, calibration);
     let kind = if is_good { NoteKind::Good } else { NoteKind::Warning };
     page.note(kind, if has_band { "Error" } else { "Error not known" }, &calibration.accuracy());
-    for finding in &calibration.ramps.findings {
-        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
-    }
+    page.findings(&calibration.ramps.findings);
     for sentence in calibration.not_known() {
         page.note(NoteKind::Warning, "Not known", &sentence);
     }
@@ -332,9 +327,7 @@ fn thousandths(bias: &BiasCurve, gravity: f64) -> (f64, &'static str) {
 }
 
 fn line(curve: &Polynomial, factor: f64) -> Vec<(f64, f64)> {
-    let [low, high] = curve.range();
-    let at = |i: usize| low + (high - low) * i as f64 / CURVE_INTERVALS as f64;
-    (0..=CURVE_INTERVALS).map(at).map(|u| (u, curve.at(curve.clamp(u)) * factor)).collect()
+    grid(curve.range(), CURVE_INTERVALS).map(|u| (u, curve.at(curve.clamp(u)) * factor)).collect()
 }
 
 fn name_of(calibration: &WarmUpCalibration, sweep: usize) -> String {

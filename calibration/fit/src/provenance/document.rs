@@ -1,7 +1,8 @@
 //! A document as structs that serde writes, and what all kinds of provenance have in common.
 
 use crate::accuracy::largest_interval;
-use crate::triad::{CalibratedTriad, beside_diagonal};
+use crate::alignment::beside_diagonal;
+use crate::triad::CalibratedTriad;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
