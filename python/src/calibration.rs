@@ -8,11 +8,11 @@ use crate::table::Table;
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, GravityOnlyOptions, LagChoice,
-    Method, OneAttitudeOptions, ScaleFactorChoice, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, TumbleOptions, LagChoice,
+    Method, WarmUpOptions, ScaleFactorChoice, sha256,
 };
 use isotherm_pipeline::{
-    CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu, no_bar,
+    JobOutcome, CampaignFile, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu, no_bar,
 };
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};
@@ -35,7 +35,7 @@ const ROW: usize = RAW + 16;
 #[pyclass(frozen, module = "isotherm._isotherm")]
 pub struct Calibration {
     campaign: Campaign,
-    outcome: CalibrationOutcome,
+    outcome: JobOutcome,
 }
 
 /// A recording: the path of a file, or the bytes of rows.
@@ -48,8 +48,8 @@ pub(crate) enum RecordingSource {
 /// The options of a fit of any kind, checked.
 struct FitOptions {
     turntable: CalibrationOptions,
-    tumble: GravityOnlyOptions,
-    warm_up: OneAttitudeOptions,
+    tumble: TumbleOptions,
+    warm_up: WarmUpOptions,
     input: InputOptions,
 }
 
@@ -112,7 +112,7 @@ pub(crate) fn calibrate_campaign(
     if let Some([latitude_deg, height_m]) = options.place {
         campaign = campaign.at_place(Place::new(latitude_deg, height_m).map_err(PyValueError::new_err)?);
     }
-    if campaign.gravity_only != is_tumble {
+    if campaign.is_tumble != is_tumble {
         let message = match is_tumble {
             true => format!("{name} has no method = \"gravity-only\"; use calibrate_turntable"),
             false => format!("{name} has method = \"gravity-only\"; use calibrate_tumble"),
@@ -260,7 +260,7 @@ impl Options {
         let beside = self.beside.iter().map(|name| name.parse()).collect::<Result<Vec<_>, String>>();
         let beside = beside.map_err(|message| PyValueError::new_err(format!("beside: {message}")))?;
         Ok(FitOptions {
-            warm_up: OneAttitudeOptions {
+            warm_up: WarmUpOptions {
                 on_board: Vec::new(),
                 order: self.order,
                 highest_order: None,
@@ -281,7 +281,7 @@ impl Options {
                 predecessor_lag_s: None,
                 ..CalibrationOptions::default()
             },
-            tumble: GravityOnlyOptions {
+            tumble: TumbleOptions {
                 window_s: self.window,
                 order: self.order,
                 scale_factor: *choice,

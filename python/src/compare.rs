@@ -1,11 +1,12 @@
 //! The functions `compare` and `batch` on tables, and their results.
 
+use isotherm_pipeline::now;
 use crate::errors::{ComparisonError, faults};
 
 use crate::records::{document, python};
 use crate::table::Table;
 use isotherm_analysis::{Batch as Statistics, Comparison as Differences, ComparisonRequirement};
-use isotherm_fit::{TableFile, now, tool};
+use isotherm_fit::{TableFile, tool};
 use isotherm_report::batch::BatchSource;
 use isotherm_report::comparison::ComparisonSource;
 use isotherm_report::{batch as batch_report, comparison as report};

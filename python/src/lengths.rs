@@ -4,10 +4,10 @@ use crate::errors::StabilityError;
 use crate::offline::with_lag;
 use crate::records::{Values, document};
 use crate::table::Table;
-use isotherm_campaign::STANDSTILL_WINDOW_S;
+use isotherm_campaign::STATIC_POSE_WINDOW_S;
 use isotherm_fit::Origin;
-use isotherm_report::lengths as report;
-use isotherm_verification::{Lengths, LengthsError, LocalGravity, Requirement};
+use isotherm_report::magnitudes as report;
+use isotherm_verification::{LocalGravity, Magnitudes, MagnitudesError, Requirement};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -28,11 +28,11 @@ pub(crate) fn lengths<'py>(
         require.map(str::parse).transpose().map_err(|message| PyValueError::new_err(format!("require: {message}")))?;
     let found = py.detach(|| {
         let rows: Vec<_> = with_lag(&samples, &table.0).collect();
-        let lengths = Lengths::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)?;
+        let lengths = Magnitudes::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)?;
         let origin = Origin::of_toml(table.text(), &table.0);
         let made_the_table = origin.is_made_from(&rows.into_iter().collect(), "");
-        Ok::<_, LengthsError>(Lengths { made_the_table, ..lengths })
+        Ok::<_, MagnitudesError>(Magnitudes { made_the_table, ..lengths })
     });
     let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
-    document(py, &report::json(&found, window.unwrap_or(STANDSTILL_WINDOW_S), required))
+    document(py, &report::json(&found, window.unwrap_or(STATIC_POSE_WINDOW_S), required))
 }

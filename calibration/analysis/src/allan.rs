@@ -51,7 +51,7 @@ pub use rate::{NoiseUnits, RateKind};
 pub use recording::{NoiseAnalysis, NoiseError};
 pub use sensor::SensorNoise;
 pub use step::Step;
-pub use stretch::Bridged;
+pub use stretch::BridgedRows;
 
 #[cfg(test)]
 mod tests;

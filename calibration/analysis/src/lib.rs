@@ -25,7 +25,7 @@ mod compare;
 
 pub use allan::kalibr::imu_yaml;
 pub use allan::{
-    Allan, AllanPoint, Bridged, COEFFICIENTS, Coefficient, CountChanges, FLICKER_FLOOR, MIN_ROWS, ModelFit,
+    Allan, AllanPoint, BridgedRows, COEFFICIENTS, Coefficient, CountChanges, FLICKER_FLOOR, MIN_ROWS, ModelFit,
     NoiseAnalysis, NoiseError, NoiseRows, NoiseUnits, RateKind, SensorNoise, Step, TemperatureLine,
 };
 pub use batch::{

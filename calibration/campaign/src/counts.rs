@@ -8,14 +8,14 @@ use isotherm_statistics::{greatest_divisor, median};
 use isotherm_support::finding::{Finding, name};
 use std::ops::Range;
 
-/// Rows of a block, where there are no standstills.
+/// Rows of a block, where there are no static poses.
 const BLOCK_ROWS: usize = 10;
 /// Two attitudes differ by more than this part of the specific force.
 const OTHER_ATTITUDE: f64 = 0.05;
 /// Blocks of this many rows, and as many of them, are enough for an axis that sits at its extreme ..
 const REST_ROWS: usize = 20;
 const REST_BLOCKS: usize = 3;
-/// .. while the others scatter as in the standstills, up to this factor.
+/// .. while the others scatter as in the static poses, up to this factor.
 const ALIKE: f64 = 3.0;
 /// A counter that wraps steps by more than this part of its range ..
 const WRAP: f64 = 0.95;
@@ -31,23 +31,23 @@ const MOST_MISSING: f64 = 0.1;
 /// Rows change by so many times less where the bytes are put right.
 const SMOOTHER: f64 = 16.0;
 
-/// What is wrong with the counts of the accelerometers. `standstills` are the rows at rest; without them, blocks of ten
+/// What is wrong with the counts of the accelerometers. `poses` are the rows at rest; without them, blocks of ten
 /// rows are looked at.
 #[must_use]
-pub fn faults(rows: &[RawSample], standstills: &[Range<usize>]) -> Vec<Finding> {
+pub fn faults(rows: &[RawSample], poses: &[Range<usize>]) -> Vec<Finding> {
     let counts: Vec<[f64; AXES]> = rows.iter().map(|row| [0, 1, 2].map(|axis| net(row, axis))).collect();
     if counts.is_empty() {
         return Vec::new();
     }
-    let blocks: Vec<Range<usize>> = match standstills.is_empty() {
+    let blocks: Vec<Range<usize>> = match poses.is_empty() {
         true => (0..counts.len() / BLOCK_ROWS).map(|block| block * BLOCK_ROWS..(block + 1) * BLOCK_ROWS).collect(),
-        false => standstills.to_vec(),
+        false => poses.to_vec(),
     };
     let dead = |axis: usize| counts.iter().all(|row| row[axis] == 0.0);
     let mut found: Vec<Finding> = (0..AXES).filter(|axis| dead(*axis)).map(no_pulses).collect();
     found.extend(swapped(&counts));
     let steps = steps(rows);
-    let full = |axis: usize| full(&counts, &blocks, steps, axis).or_else(|| stuck(&counts, standstills, steps, axis));
+    let full = |axis: usize| full(&counts, &blocks, steps, axis).or_else(|| stuck(&counts, poses, steps, axis));
     found.extend((0..AXES).filter_map(full));
     found.extend((0..AXES).filter_map(|axis| wraps(rows, &counts, axis)));
     found.extend(zeros(&counts));
@@ -103,11 +103,11 @@ fn full(counts: &[[f64; AXES]], blocks: &[Range<usize>], steps: [f64; AXES], axi
 }
 
 /// An axis that is the extreme value in most rows of a rest, and scatters in others. At rest the other axes scatter as
-/// in the standstills: a full axis makes standstills that are quieter than all others, or none.
-fn stuck(counts: &[[f64; AXES]], standstills: &[Range<usize>], steps: [f64; AXES], axis: usize) -> Option<Finding> {
+/// in the static poses: a full axis makes static poses that are quieter than all others, or none.
+fn stuck(counts: &[[f64; AXES]], poses: &[Range<usize>], steps: [f64; AXES], axis: usize) -> Option<Finding> {
     let scatter = |rows: &Range<usize>, axis: usize| mean_and_scatter(&counts[rows.clone()], axis)[1];
     let others = [(axis + 1) % AXES, (axis + 2) % AXES];
-    let usual = others.map(|other| median(standstills.iter().map(|rows| scatter(rows, other))));
+    let usual = others.map(|other| median(poses.iter().map(|rows| scatter(rows, other))));
     let rests = |rows: &Range<usize>| {
         let alike = |k: usize| (usual[k] / ALIKE..usual[k] * ALIKE).contains(&scatter(rows, others[k]));
         alike(0) && alike(1)
@@ -192,7 +192,7 @@ fn swapped(counts: &[[f64; AXES]]) -> Option<Finding> {
     Some(Finding::fault(name::BYTE_ORDER, message))
 }
 
-/// Why no standstill was found, as far as the counts and times show it; empty if they do not.
+/// Why no static pose was found, as far as the counts and times show it; empty if they do not.
 pub(crate) fn cause(rows: &[RawSample]) -> String {
     let mut causes: Vec<String> = faults(rows, &[]).into_iter().map(|finding| finding.message).collect();
     let missing = missing(rows);

@@ -159,7 +159,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
         height_m,
         ramps: ramps?,
         curves: curves?.map(str::to_owned),
-        gravity_only,
+        is_tumble: gravity_only,
         temperature_range: temperature_range?,
     })
 }

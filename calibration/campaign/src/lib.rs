@@ -1,5 +1,5 @@
 //! Campaigns: what a campaign file says, where positions and turns point the IMU in its laboratory, rows summed to
-//! dwells, standstills of an IMU that is put down by hand, gravity and Earth's rate.
+//! dwells, static poses of an IMU that is put down by hand, gravity and Earth's rate.
 //!
 //! This crate opens no file: a caller gives texts and rows.
 //!
@@ -22,7 +22,7 @@ mod dwell;
 mod file;
 mod geometry;
 mod gravity;
-mod length;
+mod magnitude;
 mod members;
 mod model;
 mod mount;
@@ -33,7 +33,7 @@ mod ramp;
 mod rate;
 mod rows;
 mod samples;
-mod standstill;
+mod static_pose;
 mod turn;
 
 pub use counts::faults;
@@ -42,7 +42,7 @@ pub use geometry::{
     EARTH_RATE, base_axes, horizontal_rate, laboratory_axes, outer_axis, specific_force, vertical_rate,
 };
 pub use gravity::{GravitySource, NORMAL_GRAVITY_HALF_WIDTH, Place, normal_gravity};
-pub use length::{LENGTH_ROWS, length_at_rest};
+pub use magnitude::{MAGNITUDE_ROWS, magnitude_at_rest};
 pub use members::{MOST_IMUS, Member, members, select_imu};
 pub use model::Campaign;
 pub use mount::{mount, mounting, nearest_rotation, other_zero};
@@ -52,7 +52,7 @@ pub use ramp::Ramp;
 pub use rate::rate_at_rest;
 pub use rows::{implausible, implausible_time, read_dwells};
 pub use samples::{FilePattern, IMU, POSITION, SET_POINT, SampleLayout};
-pub use standstill::{
-    Begins, STANDSTILL_WINDOW_S, Standstill, StandstillError, Standstills, begins_ns, find_standstills, stretches,
+pub use static_pose::{
+    Begins, STATIC_POSE_WINDOW_S, StaticPose, StaticPoseError, StaticPoses, begins_ns, find_static_poses, stretches,
 };
 pub use turn::{LEAST_TURN, TableAxis, Turn, turns, vector_words};

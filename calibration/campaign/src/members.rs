@@ -113,7 +113,7 @@ pub(crate) fn check_files(root: &Section<'_, '_>, campaign: &Campaign) {
 
 /// Reports mountings where no directions are known.
 pub(crate) fn check_mountings(root: &Section<'_, '_>, campaign: &Campaign, members: &[Member]) {
-    let turned = members.iter().find(|member| campaign.gravity_only && member.mounting != Matrix3::identity());
+    let turned = members.iter().find(|member| campaign.is_tumble && member.mounting != Matrix3::identity());
     let message = |member: &Member| {
         format!("the mounting of {} has no effect: without a turntable no direction is known; leave it out", member.imu)
     };

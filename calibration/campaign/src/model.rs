@@ -29,7 +29,7 @@ pub struct Campaign {
     pub gravity_reference: f64,
     /// Gravity at the station \[m/s2\].
     pub gravity_local: f64,
-    /// Where it comes from; normal gravity only with `gravity_only`.
+    /// Where it comes from; normal gravity only with `is_tumble`.
     pub gravity_source: GravitySource,
     /// Unit of the telemetry; only a label.
     pub temperature_unit: String,
@@ -59,10 +59,10 @@ pub struct Campaign {
     /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and
     /// only with them.
     pub curves: Option<String>,
-    /// Whether gravity's length alone is the reference: the samples are recordings of an IMU put down in many
-    /// attitudes, see `gravity_only` of the calibration. Then there are no positions, turns or ramps.
-    pub gravity_only: bool,
-    /// Where a table of order 0 is valid, in the telemetry's unit; only with `gravity_only`.
+    /// Whether the samples are recordings of a tumble: static poses, with the magnitude of gravity alone as the
+    /// reference. Then there are no positions, turns or ramps.
+    pub is_tumble: bool,
+    /// Where a table of order 0 is valid, in the telemetry's unit; only with `is_tumble`.
     pub temperature_range: Option<[f64; 2]>,
 }
 
@@ -75,11 +75,11 @@ impl Campaign {
     /// use isotherm_shared::names::ImuId;
     ///
     /// let imu = ImuId::new("imu-a").expect("a valid name");
-    /// let campaign = Campaign::gravity_only(imu, [9.8012, 9.80665], "degC");
-    /// assert!(campaign.gravity_only && campaign.positions.is_empty());
+    /// let campaign = Campaign::tumble(imu, [9.8012, 9.80665], "degC");
+    /// assert!(campaign.is_tumble && campaign.positions.is_empty());
     /// ```
     #[must_use]
-    pub fn gravity_only(imu: ImuId, [gravity_local, gravity_reference]: [f64; 2], temperature_unit: &str) -> Self {
+    pub fn tumble(imu: ImuId, [gravity_local, gravity_reference]: [f64; 2], temperature_unit: &str) -> Self {
         Self {
             imu,
             serial: None,
@@ -101,7 +101,7 @@ impl Campaign {
             height_m: None,
             ramps: Vec::new(),
             curves: None,
-            gravity_only: true,
+            is_tumble: true,
             temperature_range: None,
         }
     }
@@ -109,10 +109,10 @@ impl Campaign {
     /// The campaign of recordings at one attitude while the temperature changes: the value of 1 g0 \[m/s2\], the
     /// telemetry's unit, and what the recordings are called.
     #[must_use]
-    pub fn one_attitude(imu: ImuId, gravity: f64, temperature_unit: &str, recordings: &[String]) -> Self {
+    pub fn warm_up(imu: ImuId, gravity: f64, temperature_unit: &str, recordings: &[String]) -> Self {
         let ramp = |samples: &String| Ramp { samples: samples.clone(), specific_force: None };
         let ramps = recordings.iter().map(ramp).collect();
-        Self { gravity_only: false, ramps, ..Self::gravity_only(imu, [gravity; 2], temperature_unit) }
+        Self { is_tumble: false, ramps, ..Self::tumble(imu, [gravity; 2], temperature_unit) }
     }
 
     /// The campaign at a place, which checks its local gravity.
@@ -140,7 +140,7 @@ impl Campaign {
     /// Whether there are ramps, and no positions: the samples give bias curves and transients, nothing else.
     #[must_use]
     pub const fn has_ramps_alone(&self) -> bool {
-        self.positions.is_empty() && !self.gravity_only
+        self.positions.is_empty() && !self.is_tumble
     }
 
     /// Specific force along A1, A2, A3 in `position` \[g0\], and its derivatives by the base's tilt \[g0/rad\].

@@ -19,7 +19,7 @@ mod matrix;
 
 use gate::{ANGLES_DEG, Good, Installation, WRONG, faults, gate, install, true_error};
 use isotherm_fit::{AlignmentChoice, CalibrationOptions};
-use matrix::{Expected, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
+use matrix::{Case, ExpectedOutcome, Mistake, calibrated, correct, mistakes, outcome, without_misalignment};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::ExitCode;
 
@@ -125,12 +125,15 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     totals.refused += refused;
     totals.failed |= named as u64 != SEEDS;
     let words = match mistake.expected {
-        Expected::Refused(_) => format!("{named} of {SEEDS}"),
-        Expected::Warned(_) | Expected::WarnedAlone(_) => format!("{named} of {SEEDS}, a warning"),
-        Expected::Invisible(why) => format!("invisible in a campaign: {why}"),
-        Expected::InPrinciple(why) => format!("invisible in principle, in campaign and run: {why}"),
+        ExpectedOutcome::Refused(_) => format!("{named} of {SEEDS}"),
+        ExpectedOutcome::Warned(_) | ExpectedOutcome::WarnedAlone(_) => format!("{named} of {SEEDS}, a warning"),
+        ExpectedOutcome::Invisible(why) => format!("invisible in a campaign: {why}"),
+        ExpectedOutcome::InPrinciple(why) => format!("invisible in principle, in campaign and run: {why}"),
     };
-    if matches!(mistake.expected, Expected::Refused(_) | Expected::Warned(_) | Expected::WarnedAlone(_)) {
+    if matches!(
+        mistake.expected,
+        ExpectedOutcome::Refused(_) | ExpectedOutcome::Warned(_) | ExpectedOutcome::WarnedAlone(_)
+    ) {
         totals.named += named;
     }
     let tried: Vec<_> = (cases.iter().zip(&outcomes))
@@ -149,7 +152,7 @@ fn row(mistake: &Mistake, totals: &mut Totals) -> Option<String> {
     let [wrong, installed] = count(&made);
     totals.made += made.len();
     totals.wrong += wrong;
-    let in_principle = matches!(mistake.expected, Expected::InPrinciple(_) | Expected::WarnedAlone(_));
+    let in_principle = matches!(mistake.expected, ExpectedOutcome::InPrinciple(_) | ExpectedOutcome::WarnedAlone(_));
     *if in_principle { &mut totals.in_principle } else { &mut totals.installed } += installed;
     totals.failed |= installed > 0 && !in_principle;
     let anyway: Vec<_> = tried.iter().filter_map(|(_, anyway)| anyway.as_ref()).collect();
@@ -203,101 +206,137 @@ fn cells(tables: &[&Installation]) -> String {
     )
 }
 
+/// What becomes of correct campaigns.
+#[derive(Default)]
+struct CorrectCampaigns {
+    campaigns: u64,
+    refused: u64,
+    /// Gates that judged, and those of tables within their bound that refuse: for another cause than the factor, because
+    /// the turntable is poor, and for the factor.
+    judged: u64,
+    gated: u64,
+    missed: u64,
+    factors: u64,
+    /// Gates of tables within [`WRONG`] of the truth, and of the others, each with those that refuse.
+    near: [u64; 2],
+    far: [u64; 2],
+    /// The same of tables that are further off than their bound, by the reason.
+    beyond: BTreeMap<&'static str, [u64; 2]>,
+    /// Campaigns with each warning.
+    warned: BTreeMap<String, u64>,
+    /// Bound over upper end, with the campaign in words, angles and alignment.
+    margins: Vec<(f64, String, [f64; 2], AlignmentChoice)>,
+    failed: bool,
+}
+
 /// Counts the refusals among correct campaigns, and those of their tables by the gate with the bounds of the fit. Fails
 /// if there is one of a campaign, or of a table that is within [`WRONG`] of the truth, by its bound.
 fn correct_campaigns(count: u64) -> ExitCode {
-    let (mut refused, mut gated, mut missed, mut factors, mut judged) = (0, 0, 0, 0, 0);
-    let mut beyond = BTreeMap::new();
-    let (mut failed, mut default_margin) = (false, f64::INFINITY);
-    let mut margins = Vec::new();
-    let mut warned = BTreeMap::<String, u64>::new();
-    // Of tables within [`WRONG`] of the truth, and of the others: gates, and those that refuse.
-    let (mut near, mut far) = ([0_u64; 2], [0_u64; 2]);
-    for seed in 1..=count {
+    let mut found = CorrectCampaigns::default();
+    (1..=count).for_each(|seed| found.add(seed));
+    found.print();
+    if found.failed || found.refused > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS }
+}
+
+impl CorrectCampaigns {
+    fn add(&mut self, seed: u64) {
+        self.campaigns += 1;
         let (case, words) = correct(seed);
         let outcome = outcome(&case);
         if outcome.errors.is_none() {
-            refused += 1;
+            self.refused += 1;
             println!("refused: {words}\n  {}", outcome.lines.join("\n  "));
-            continue;
+            return;
         }
-        let names: BTreeSet<_> =
-            outcome.lines.iter().filter_map(|line| line.split_once("]: ").map(|(name, _)| name.to_owned())).collect();
-        for name in names {
-            *warned.entry(name).or_default() += 1;
+        let names = outcome.lines.iter().filter_map(|line| Some(line.split_once("]: ")?.0.to_owned()));
+        for name in names.collect::<BTreeSet<_>>() {
+            *self.warned.entry(name).or_default() += 1;
         }
-        // As it is, and an IMU without misalignment whose table has no alignment matrix.
-        for (case, alignment) in
-            [(case, AlignmentChoice::IfNeeded), (without_misalignment(seed), AlignmentChoice::Without)]
-        {
-            let options = CalibrationOptions { alignment, ..CalibrationOptions::default() };
-            let Ok(calibration) = calibrated(&case, options) else {
-                refused += 1;
-                println!("refused without misalignment: {words}");
+        self.add_tables(&case, AlignmentChoice::IfNeeded, &words, seed);
+        // An IMU without misalignment, whose table has no alignment matrix.
+        self.add_tables(&without_misalignment(seed), AlignmentChoice::Without, &words, seed);
+    }
+
+    fn add_tables(&mut self, case: &Case, alignment: AlignmentChoice, words: &str, seed: u64) {
+        let options = CalibrationOptions { alignment, ..CalibrationOptions::default() };
+        let Ok(calibration) = calibrated(case, options) else {
+            self.refused += 1;
+            println!("refused without misalignment: {words}");
+            return;
+        };
+        for angles in ATTITUDES {
+            let gate = gate(case, &calibration, None, angles, Some(10.0), seed);
+            self.judged += 1;
+            let causes: Vec<_> = gate.causes.iter().filter(|cause| !cause.starts_with("factor")).collect();
+            let refuses = !causes.is_empty();
+            let error = true_error(case, &calibration.table);
+            count_gate(if error <= WRONG { &mut self.near } else { &mut self.far }, refuses);
+            let is_poor = case.schedule.noise.positioning_rad > POOR_TURNTABLE;
+            if error > gate.bound {
+                let reason = if calibration.left_without_alignment().is_some() {
+                    "without the matrix that the fit asks for"
+                } else if case.schedule.set_points_c.len() <= 3 {
+                    "two or three set points"
+                } else if is_poor {
+                    "a turntable of 600 arcsec"
+                } else {
+                    "other causes"
+                };
+                count_gate(self.beyond.entry(reason).or_default(), refuses);
                 continue;
-            };
-            for angles in ATTITUDES {
-                let factor = gate(&case, &calibration, None, angles, Some(10.0), seed);
-                judged += 1;
-                let other: Vec<_> = factor.causes.iter().filter(|cause| !cause.starts_with("factor")).collect();
-                let error = true_error(&case, &calibration.table);
-                let counts = if error <= WRONG { &mut near } else { &mut far };
-                *counts = [counts[0] + 1, counts[1] + u64::from(!other.is_empty())];
-                if error > factor.bound {
-                    let because = if calibration.left_without_alignment().is_some() {
-                        "without the matrix that the fit asks for"
-                    } else if case.schedule.set_points_c.len() <= 3 {
-                        "two or three set points"
-                    } else if case.schedule.noise.positioning_rad > POOR_TURNTABLE {
-                        "a turntable of 600 arcsec"
-                    } else {
-                        "other causes"
-                    };
-                    let counts = beyond.entry(because).or_insert([0_u64; 2]);
-                    *counts = [counts[0] + 1, counts[1] + u64::from(!other.is_empty())];
-                    continue;
-                }
-                if !other.is_empty() && case.schedule.noise.positioning_rad > POOR_TURNTABLE {
-                    missed += 1;
-                    continue;
-                }
-                if !other.is_empty() {
-                    gated += 1;
-                    failed |= error <= WRONG;
-                    println!("gate at {angles:?} with {alignment:?} refuses, {:.0}e-6 g0 off: {words}", error * 1e6);
-                    other.iter().for_each(|cause| println!("  {cause}"));
-                }
-                factors += u64::from(factor.refused_by.contains("factor"));
-                if angles == ANGLES_DEG {
-                    default_margin = default_margin.min(factor.margin);
-                }
-                margins.push((factor.margin, words.clone(), angles, alignment));
             }
+            if refuses && is_poor {
+                self.missed += 1;
+                continue;
+            }
+            if refuses {
+                self.gated += 1;
+                self.failed |= error <= WRONG;
+                println!("gate at {angles:?} with {alignment:?} refuses, {:.0}e-6 g0 off: {words}", error * 1e6);
+                causes.iter().for_each(|cause| println!("  {cause}"));
+            }
+            self.factors += u64::from(gate.refused_by.contains("factor"));
+            self.margins.push((gate.margin, words.to_owned(), angles, alignment));
         }
     }
-    println!("{refused} of {count} correct campaigns refused by calibrate");
-    println!("tables within {:.0}e-6 g0 of the truth: {} of {} gates refuse", WRONG * 1e6, near[1], near[0]);
-    println!("tables further off: {} of {} gates refuse", far[1], far[0]);
-    for (because, [count, refuse]) in &beyond {
+
+    fn print(&mut self) {
+        let Self { campaigns, refused, judged, gated, missed, factors, near, far, beyond, warned, .. } = self;
+        println!("{refused} of {campaigns} correct campaigns refused by calibrate");
+        println!("tables within {:.0}e-6 g0 of the truth: {} of {} gates refuse", WRONG * 1e6, near[1], near[0]);
+        println!("tables further off: {} of {} gates refuse", far[1], far[0]);
+        for (because, [count, refuse]) in &*beyond {
+            println!(
+                "{count} of {judged} gates are for tables further off the truth than the bound, {because}: {refuse} refuse"
+            );
+        }
+        let others = *judged - *missed - beyond.values().map(|[count, _]| count).sum::<u64>();
         println!(
-            "{count} of {judged} gates are for tables further off the truth than the bound, {because}: {refuse} refuse"
+            "{missed} refuse because a turntable of 600 arcsec misses the run's attitude; of the other {others} gates {gated} refuse, and \
+             {factors} show no factor of 10, which is not among the default bounds"
         );
+        let warned = core::mem::take(warned);
+        self.print_margins();
+        for (name, count) in warned {
+            println!("{count} have {name}]");
+        }
     }
-    let others = judged - missed - beyond.values().map(|[count, _]| count).sum::<u64>();
-    println!(
-        "{missed} refuse because a turntable of 600 arcsec misses the run's attitude; of the other {others} gates {gated} refuse, and \
-         {factors} show no factor of 10, which is not among the default bounds"
-    );
-    margins.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (margin, words, angles, alignment) in margins.iter().take(5) {
-        println!("bound / upper end {margin:.2} at {angles:?} with {alignment:?}: {words}");
+
+    fn print_margins(&mut self) {
+        self.margins.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (margin, words, angles, alignment) in self.margins.iter().take(5) {
+            println!("bound / upper end {margin:.2} at {angles:?} with {alignment:?}: {words}");
+        }
+        let at_default = self.margins.iter().find(|(_, _, angles, _)| *angles == ANGLES_DEG);
+        println!("smallest bound / upper end at {ANGLES_DEG:?}: {:.2}", at_default.map_or(f64::INFINITY, |it| it.0));
+        if let Some((margin, ..)) = self.margins.get(self.margins.len() / 2) {
+            println!("median of bound / upper end: {margin:.2}");
+        }
     }
-    println!("smallest bound / upper end at {ANGLES_DEG:?}: {default_margin:.2}");
-    if let Some((margin, ..)) = margins.get(margins.len() / 2) {
-        println!("median of bound / upper end: {margin:.2}");
-    }
-    for (name, count) in warned {
-        println!("{count} have {name}]");
-    }
-    if failed || refused > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS }
+}
+
+/// Counts a gate, and whether it refuses.
+fn count_gate([gates, refusing]: &mut [u64; 2], refuses: bool) {
+    *gates += 1;
+    *refusing += u64::from(refuses);
 }

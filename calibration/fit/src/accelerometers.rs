@@ -9,7 +9,7 @@ use crate::one_stage::{Curves, SetPointValues, Solution, set_point_values, solve
 use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
 use crate::quality::{FittedTriad, Outlier};
-use crate::reduce::{Reduced, reduce, sensors};
+use crate::reduce::{SensorReduction, reduce, sensors};
 use crate::result::Calibration;
 use crate::sensor::TriadUnits;
 use crate::table::table_of;
@@ -17,7 +17,7 @@ use isotherm_campaign::{Campaign, Dwell, Observability, PARAMETERS, Position, jo
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, OrderTable, PureError};
+use isotherm_statistics::{OrderTable, PureError};
 use isotherm_support::finding::{Finding, RunNumber, Severity, any_fault};
 use nalgebra::{Matrix3, Vector3};
 
@@ -117,7 +117,7 @@ struct Data<'a> {
 
 /// Each set point by itself, and all together.
 struct Fit {
-    reduced: Vec<[Reduced; AXES]>,
+    reduced: Vec<[SensorReduction; AXES]>,
     orders: [[OrderTable; 3]; AXES],
     solution: Solution,
 }
@@ -158,15 +158,10 @@ impl Data<'_> {
         let ranges = ranges(dwells);
         let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(set_points.len().saturating_sub(2)));
         let rules = OrderRules::accelerometers();
-        let order_tables = |values: &[SetPointValues], own: Option<&[[Reduced; AXES]]>| {
+        let order_tables = |values: &[SetPointValues], own: Option<&[[SensorReduction; AXES]]>| {
             rules.tables(values, options.order, highest, |axis, q| own_error(own?, set_points, axis, q))
         };
-        let curves = |orders: &[[OrderTable; 3]; AXES]| -> Curves {
-            let curve = |axis: usize, q: usize| {
-                Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-            };
-            [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-        };
+        let curves = |orders: &[[OrderTable; 3]; AXES]| crate::orders::curves(orders, &ranges);
         // The first joint fit uses the orders of the uncorrected values. It gives the tilt and the drift within set
         // points.
         let first_orders = order_tables(&reduced_level.iter().map(values).collect::<Vec<_>>(), None)?;
@@ -196,7 +191,7 @@ impl Data<'_> {
     /// The outlying dwells, by index and axis, and what is to be said of the fit.
     fn findings_of_fit(
         &self,
-        reduced: &[[Reduced; AXES]],
+        reduced: &[[SensorReduction; AXES]],
         orders: &[[OrderTable; 3]; AXES],
         solution: &Solution,
     ) -> (Vec<(usize, usize)>, Vec<Finding>) {
@@ -245,7 +240,7 @@ fn reduced(
     dwells: &[Dwell],
     set_points: &[SetPoint],
     tilt: Option<[f64; 2]>,
-) -> Result<Vec<[Reduced; AXES]>, CalibrationError> {
+) -> Result<Vec<[SensorReduction; AXES]>, CalibrationError> {
     let of = |set_point: &SetPoint, axis: usize| {
         let parts: Vec<_> = set_point.dwells.iter().map(|&dwell| &dwells[dwell]).collect();
         let positions: Vec<_> = parts.iter().map(|dwell| campaign.positions[dwell.position].clone()).collect();
@@ -260,13 +255,18 @@ fn reduced(
     set_points.iter().map(|set_point| Ok([of(set_point, 0)?, of(set_point, 1)?, of(set_point, 2)?])).collect()
 }
 
-fn values(reduced: &[Reduced; AXES]) -> SetPointValues {
+fn values(reduced: &[SensorReduction; AXES]) -> SetPointValues {
     let of = |axis: usize, q: usize| (reduced[axis].telemetry[q], reduced[axis].values[q]);
     [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
 }
 
 /// The own error of a set point, from the scatter within the set points; `None` where they have no dwells to spare.
-fn own_error(reduced: &[[Reduced; AXES]], set_points: &[SetPoint], axis: usize, quantity: usize) -> Option<PureError> {
+fn own_error(
+    reduced: &[[SensorReduction; AXES]],
+    set_points: &[SetPoint],
+    axis: usize,
+    quantity: usize,
+) -> Option<PureError> {
     let spare = set_points.iter().map(|set_point| set_point.dwells.len().saturating_sub(PARAMETERS));
     let squares = reduced.iter().map(|of| of[axis].standard_errors[quantity].powi(2)).zip(spare.clone());
     let known: Vec<_> = squares.filter(|(square, spare)| *spare > 0 && square.is_finite()).collect();
@@ -290,7 +290,7 @@ fn two_stage(
     campaign: &Campaign,
     dwells: &[Dwell],
     set_points: &[SetPoint],
-    reduced: &[[Reduced; AXES]],
+    reduced: &[[SensorReduction; AXES]],
     curves: Curves,
     tilt: Option<[f64; 2]>,
 ) -> Solution {

@@ -11,7 +11,7 @@ use nalgebra::Matrix3;
 /// A smaller misalignment does not matter \[rad\].
 const SMALL: f64 = 1e-6;
 /// Confidence at which a misalignment must differ from 0.
-const NEEDED_CONFIDENCE: f64 = 0.99;
+pub(crate) const NEEDED_CONFIDENCE: f64 = 0.99;
 
 /// Whether a table gets an alignment matrix.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -51,21 +51,37 @@ impl AlignmentChoice {
 /// is shown.
 #[must_use]
 pub fn is_needed(solution: &Solution) -> bool {
-    solution.axes.iter().any(|axis| {
-        let intervals = axis.misalignment_interval(NEEDED_CONFIDENCE).unwrap_or([f64::INFINITY; 2]);
-        axis.misalignment.iter().zip(intervals).any(|(m, interval)| m.abs() > interval.max(SMALL))
-    })
+    solution.axes.iter().any(|axis| is_significant(axis.misalignment, axis.misalignment_interval(NEEDED_CONFIDENCE)))
 }
 
 /// The misalignment matrix M. Row i: sensitivity of accelerometer i to the specific force along each axis; 1 on the
 /// diagonal.
 #[must_use]
 pub(crate) fn misalignment(solution: &Solution) -> Matrix3<f64> {
-    let mut matrix = Matrix3::identity();
-    for (axis, part) in solution.axes.iter().enumerate() {
-        for (k, m) in part.misalignment.into_iter().enumerate() {
-            matrix[(axis, (axis + 1 + k) % AXES)] = m;
+    matrix_of(solution.axes.each_ref().map(|axis| axis.misalignment))
+}
+
+/// Whether a misalignment of a sensor exceeds its interval at [`NEEDED_CONFIDENCE`] and [`SMALL`]; an unknown interval
+/// has no end.
+pub(crate) fn is_significant(misalignment: [f64; 2], interval: Option<[f64; 2]>) -> bool {
+    let interval = interval.unwrap_or([f64::INFINITY; 2]);
+    misalignment.iter().zip(interval).any(|(m, interval)| m.abs() > interval.max(SMALL))
+}
+
+/// The matrix with 1 on the diagonal, and with the misalignments onto the next axis and the one after it.
+pub(crate) fn matrix_of(misalignments: [[f64; 2]; AXES]) -> Matrix3<f64> {
+    let rows = beside_diagonal(1.0, misalignments);
+    Matrix3::from_fn(|i, j| rows[i][j])
+}
+
+/// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis
+/// after it.
+pub(crate) fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
+    let mut rows = [[diagonal; AXES]; AXES];
+    for (axis, pair) in pairs.into_iter().enumerate() {
+        for (k, value) in pair.into_iter().enumerate() {
+            rows[axis][(axis + 1 + k) % AXES] = value;
         }
     }
-    matrix
+    rows
 }

@@ -1,9 +1,9 @@
 //! Why no table can be made of a campaign.
 
 use crate::diagnosis::Diagnosis;
-use crate::gravity_only::error::GravityOnlyError;
-use crate::one_stage::OneStageError;
+use crate::joint::OneStageError;
 use crate::transients::TransientsError;
+use crate::tumble::error::TumbleError;
 use isotherm_shared::table::Refusal;
 use isotherm_statistics::RegressionError;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -63,9 +63,9 @@ pub enum CalibrationError {
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
-    /// The standstills of an IMU that was put down by hand do not give a table.
+    /// The static poses of an IMU that was put down by hand do not give a table.
     #[error(transparent)]
-    GravityOnly(#[from] GravityOnlyError),
+    Tumble(#[from] TumbleError),
     /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<Refusal>),
@@ -120,17 +120,17 @@ impl CalibrationError {
             {
                 Exit::Failed
             }
-            Self::Fit(_) | Self::Table(_) | Self::GravityOnly(GravityOnlyError::Table(_)) => Exit::Failed,
+            Self::Fit(_) | Self::Table(_) | Self::Tumble(TumbleError::Table(_)) => Exit::Failed,
             // Options are wrong for these data; for those of another IMU they may be right.
-            Self::GravityOnly(_) | Self::Empty | Self::Faults { .. } => Exit::Data,
+            Self::Tumble(_) | Self::Empty | Self::Faults { .. } => Exit::Data,
             Self::SetPoint { .. } | Self::Order { .. } | Self::Transients(_) => Exit::Data,
         };
         let message = match self {
             Self::Faults { .. } => self.lines(symptoms, |finding| finding.tagged(&locate)).join("\n"),
-            Self::NothingToExclude(..) | Self::GravityOnly(GravityOnlyError::NothingToExclude(..)) => {
+            Self::NothingToExclude(..) | Self::Tumble(TumbleError::NothingToExclude(..)) => {
                 format!("--exclude: {self}")
             }
-            Self::Options(_) | Self::GravityOnly(_) => self.to_string(),
+            Self::Options(_) | Self::Tumble(_) => self.to_string(),
             // The message begins with the name of the recording, which may be all that was given.
             Self::Transients(_) if self.to_string().starts_with(&format!("{}: ", shown(campaign))) => self.to_string(),
             Self::Transients(_) => format!("{}: the ramps: {self}", shown(campaign)),
@@ -143,7 +143,7 @@ impl CalibrationError {
         let failure = Failure::new(exit, message);
         match self {
             Self::Positions(_) | Self::Curves(_) | Self::Transients(_) => failure.at(campaign, None),
-            Self::NothingToExclude(..) | Self::Options(_) | Self::GravityOnly(_) => failure,
+            Self::NothingToExclude(..) | Self::Options(_) | Self::Tumble(_) => failure,
             // Each finding has its own line.
             _ => failure.at(samples, None),
         }

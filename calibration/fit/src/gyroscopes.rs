@@ -14,10 +14,16 @@
 mod checks;
 mod data;
 pub(crate) mod earth;
-pub(crate) mod fit;
+mod elimination;
+mod fit;
+mod input;
+mod model;
 pub(crate) mod observability;
 pub(crate) mod result;
+mod rotation;
 pub(crate) mod runs;
+mod set_points;
+pub(crate) mod solution;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
 pub use runs::{FittedRun, Measurements, Place, read_measurements};
@@ -25,8 +31,9 @@ pub use runs::{FittedRun, Measurements, Place, read_measurements};
 use crate::admit::add_findings;
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};
 use crate::error::CalibrationError;
+use crate::joint::OneStageError;
 use crate::noise::noise_of_dwells;
-use crate::one_stage::{OneStageError, SetPointValues};
+use crate::one_stage::SetPointValues;
 use crate::options::{CalibrationOptions, MAX_AUTO_ORDER, Method};
 use crate::orders::OrderRules;
 use crate::quality::{FittedTriad, Outlier};
@@ -35,16 +42,20 @@ use crate::sensor::TriadUnits;
 use crate::table::gyroscope_axes;
 use data::Data;
 use earth::{EarthCheck, LeftOver};
-use fit::{GyroscopeCurves, ReducedSetPoint, Run, TriadSolution, corrected_values, reduce, solve};
+use fit::solve;
+use input::GyroscopeRun;
 use isotherm_campaign::Campaign;
 use isotherm_shared::table::{Axis, CoefficientTable, Gyroscopes};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, OrderTable};
 use isotherm_support::finding::Finding;
+use model::{GyroscopeCurves, GyroscopeModel};
 use nalgebra::{DVector, Matrix3};
 use observability::TriadObservability;
 use runs::GyroscopeRuns;
+use set_points::{SetPointReduction, corrected_values, reduce};
+use solution::TriadSolution;
 
 /// Fits the gyroscopes of a campaign, whose accelerometers are fitted, and writes them into the table.
 pub(crate) fn add_gyroscopes(
@@ -118,16 +129,16 @@ fn estimate(
 /// The outlying runs, by index and gyroscope, and what is to be said of the fit.
 fn quality(
     data: &Data<'_>,
-    runs: &[Run<'_>],
+    runs: &[GyroscopeRun<'_>],
     places: &[FittedRun],
-    reduced: &[ReducedSetPoint],
+    reduced: &[SetPointReduction],
     orders: &[[OrderTable; 3]; AXES],
     solution: &TriadSolution,
 ) -> (Vec<(usize, usize)>, Vec<Finding>) {
     let triad = FittedTriad {
         units: TriadUnits::of(SensorKind::Gyroscope),
         orders,
-        set_points: reduced.iter().map(ReducedSetPoint::sensors).collect(),
+        set_points: reduced.iter().map(SetPointReduction::sensors).collect(),
         places: places.iter().map(|run| run.place).collect(),
         residuals: &solution.residuals,
     };
@@ -148,10 +159,10 @@ fn quality(
 /// A set point by itself, from the curves `start`.
 fn reduce_set_point(
     data: &Data<'_>,
-    runs: &[Run<'_>],
+    runs: &[GyroscopeRun<'_>],
     index: usize,
     start: &GyroscopeCurves,
-) -> Result<ReducedSetPoint, CalibrationError> {
+) -> Result<SetPointReduction, CalibrationError> {
     let deficient = |deficiency| CalibrationError::SetPoint { set_point_c: data.set_points_c[index], deficiency };
     let turns: Vec<_> = data.turns.iter().filter(|(place, _)| *place == index).collect();
     // Turns may have been left out.
@@ -170,19 +181,14 @@ fn reduce_set_point(
 fn fit_runs(
     ranges: &[[[f64; 2]; 2]; AXES],
     options: &CalibrationOptions,
-    runs: &[Run<'_>],
-    reduced: &[ReducedSetPoint],
+    runs: &[GyroscopeRun<'_>],
+    reduced: &[SetPointReduction],
 ) -> Result<([[OrderTable; 3]; AXES], TriadSolution), CalibrationError> {
     let highest = options.order.unwrap_or_else(|| MAX_AUTO_ORDER.min(reduced.len().saturating_sub(2)));
     let rules = OrderRules::gyroscopes();
     let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest, |_, _| None);
-    let curves = |orders: &[[OrderTable; 3]; AXES]| -> GyroscopeCurves {
-        let curve = |axis: usize, q: usize| {
-            Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
-        };
-        [0, 1, 2].map(|axis| [curve(axis, 0), curve(axis, 1), curve(axis, 2)])
-    };
-    let values = |reduced: &ReducedSetPoint| {
+    let curves = |orders: &[[OrderTable; 3]; AXES]| crate::orders::curves(orders, ranges);
+    let values = |reduced: &SetPointReduction| {
         [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
     };
     let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
@@ -201,16 +207,20 @@ fn fit_runs(
 }
 
 /// Curves through the values of the set points, and the means of everything else.
-fn two_stage(runs: &[Run<'_>], reduced: &[ReducedSetPoint], curves: &GyroscopeCurves) -> Option<TriadSolution> {
+fn two_stage(
+    runs: &[GyroscopeRun<'_>],
+    reduced: &[SetPointReduction],
+    curves: &GyroscopeCurves,
+) -> Option<TriadSolution> {
     let n = reduced.len() as f64;
-    let mean = |value: &dyn Fn(&ReducedSetPoint) -> f64| {
+    let mean = |value: &dyn Fn(&SetPointReduction) -> f64| {
         let mean = reduced.iter().map(value).sum::<f64>() / n;
         let variance = reduced.iter().map(|part| (value(part) - mean).powi(2)).sum::<f64>() / (n - 1.0);
         (mean, (variance / n).sqrt())
     };
     let constants = [0, 1, 2].map(|axis| [3, 4, 5, 6, 7].map(|k| mean(&|part| part.values[axis][k])));
     let earth = [0, 1].map(|k| mean(&|part| part.earth.unwrap_or_default()[k]));
-    fit::JointModel::new(runs, reduced.len(), curves).fixed(constants, earth)
+    GyroscopeModel::new(runs, reduced.len(), curves).fixed(constants, earth)
 }
 
 /// The table of both triads. Both get an alignment matrix, or neither.

@@ -1,7 +1,7 @@
 //! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
 //! ramps of the temperature, and an IMU that is put down by hand.
 //!
-//! This crate opens no file and starts no thread. It reads the clock only for the time in a table's provenance.
+//! This crate opens no file, starts no thread and reads no clock: the time of a calibration is told.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -28,15 +28,14 @@ mod checks;
 mod diagnosis;
 mod effects;
 mod error;
-mod fitted;
-mod gravity_only;
 mod gyroscopes;
+mod joint;
 mod level;
 mod noise;
-mod one_attitude;
 mod one_stage;
 mod options;
 mod orders;
+mod outcome;
 mod provenance;
 mod quality;
 mod ramps;
@@ -48,6 +47,8 @@ mod sensor;
 mod table;
 mod transients;
 mod triad;
+mod tumble;
+mod warm_up;
 
 pub use accelerometers::{accelerometers_observable, calibrate_accelerometers};
 pub use accuracy::{Accuracy, largest_band, largest_interval};
@@ -56,32 +57,34 @@ pub use calibrate::{calibrate, observable};
 
 pub use checks::{check, set_points};
 pub use error::CalibrationError;
-pub use fitted::{Fitted, Measured};
-pub use gravity_only::reading::Reading;
-pub use gravity_only::{
-    Evidence, GravityOnlyCalibration, GravityOnlyError, GravityOnlyOptions, Groups, ScaleFactorChoice, TumbleRecording,
-    calibrate_gravity_only, error_of_length, errors_of_means, telemetry_steps,
-};
-pub use gyroscopes::fit::GyroscopeSolution;
 pub use gyroscopes::observability::TriadObservability;
 pub use gyroscopes::runs::implausible;
+pub use gyroscopes::solution::GyroscopeSolution;
 pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
+pub use joint::OneStageError;
 pub use noise::noise_of_dwells;
-pub use one_attitude::{
-    BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OneAttitudeCalibration, OneAttitudeOptions, OrderChoice, Spread,
-    SweepPoint, SweepSpan, TriedOrder, calibrate_one_attitude,
-};
-pub use one_stage::{OneStageError, solve};
+pub use one_stage::solve;
 pub use options::{CalibrationOptions, Method};
-pub use provenance::{CampaignSource, CurveErrors, Hashed, Origin, TableFile, now, sha256, tool};
+pub use outcome::{CalibrationData, CalibrationOutcome};
+pub use provenance::{CampaignSource, CurveErrors, HashingStream, Origin, TableFile, sha256, tool};
 pub use ramps::{RampCalibration, calibrate_ramps};
 pub use reduce::reduce;
 pub use rest::{LeftOutCause, LeftOutPart, RowAccount};
 pub use result::Calibration;
 pub use screen::{BadKind, BadRow, BadRows};
 pub use sensor::{ReducedSensor, TriadUnits};
+pub use table::axis_of;
 pub use transients::{
     BiasTransient, Condition, CurveSource, LagChoice, Prediction, RampRecording, TransientOptions, TransientVerdict,
     Transients, TransientsError, fit,
 };
 pub use triad::CalibratedTriad;
+pub use tumble::reading::Reading;
+pub use tumble::{
+    Evidence, Groups, ScaleFactorChoice, TumbleCalibration, TumbleError, TumbleOptions, TumbleRecording,
+    calibrate_tumble, error_of_magnitude, errors_of_means, telemetry_steps,
+};
+pub use warm_up::{
+    BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OrderChoice, Spread, SweepPoint, SweepSpan, TriedOrder,
+    WarmUpCalibration, WarmUpOptions, calibrate_warm_up,
+};

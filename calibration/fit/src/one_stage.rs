@@ -25,17 +25,14 @@
 //! ```text
 //! cov = H^-1 ( sum over set points of B S B' ) H^-1,     B = J' L,   L: derivatives by the set point's parameters
 //! ```
-//!
-//! Over 400 lines: the fit, its covariance and the set points' values use the same equation and the same derivatives.
 
 use crate::checks::SetPoint;
+use crate::joint::{JointModel, NewtonStep, Numbering, OneStageError};
 use isotherm_campaign::{Campaign, Dwell, PARAMETERS};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Curve, LeastSquares, least_squares, pseudo_inverse, student_quantile};
+use isotherm_statistics::{Curve, pseudo_inverse, student_quantile};
 use nalgebra::{DMatrix, DVector};
 
-/// Most Gauss-Newton steps; four or five are usual.
-const MAX_STEPS: usize = 30;
 /// The tilt is estimated only if it increases the condition number by less than this factor.
 const MAX_TILT_CONDITION: f64 = 30.0;
 /// Share of the largest singular value below which a set point does not determine a combination of its parameters.
@@ -43,20 +40,6 @@ const SINGULAR: f64 = 1e-9;
 /// Curves of an accelerometer: A, K+, K-. The unknowns are, for each accelerometer, the coefficients of its curves and
 /// its two misalignments; the tilt comes last.
 const QUANTITIES: usize = 3;
-
-/// Why there is no solution.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
-pub enum OneStageError {
-    /// The dwells do not determine all unknowns.
-    #[error("the dwells do not determine {unknowns} unknowns; take a lower order, or more set points or positions")]
-    Undetermined {
-        /// Number of unknowns.
-        unknowns: usize,
-    },
-    /// The Gauss-Newton steps do not become small.
-    #[error("the fit does not converge; the samples contradict the positions")]
-    Divergence,
-}
 
 /// The estimate for one accelerometer.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,7 +115,7 @@ pub fn solve(
     start: &Curves,
     left_out: &[usize],
 ) -> Result<Solution, OneStageError> {
-    let mut model = JointModel::new(campaign, dwells, set_points, start);
+    let mut model = AccelerometerModel::new(campaign, dwells, set_points, start);
     let counted: Vec<bool> = (0..dwells.len()).map(|dwell| !left_out.contains(&dwell)).collect();
     if model.with_tilt {
         let with = model.step(&counted).map_or(f64::INFINITY, |step| step.condition);
@@ -141,14 +124,15 @@ pub fn solve(
         // Do not estimate a tilt that these positions cannot separate from the other unknowns.
         model.with_tilt = with < MAX_TILT_CONDITION * without;
     }
-    match model.converge(&counted) {
+    let step = match model.converge(&counted) {
         Err(OneStageError::Divergence) if model.with_tilt => {
-            let mut model = JointModel::new(campaign, dwells, set_points, start);
+            model = AccelerometerModel::new(campaign, dwells, set_points, start);
             model.with_tilt = false;
-            model.converge(&counted)
+            model.converge(&counted)?
         }
-        result => result,
-    }
+        result => result?,
+    };
+    Ok(model.solution(&step, &counted))
 }
 
 /// A solution without a fit: only the residuals are computed. `misalignment(axis, k)` gives each misalignment with its
@@ -162,7 +146,7 @@ pub(crate) fn fixed_solution(
     misalignment: impl Fn(usize, usize) -> (f64, f64),
 ) -> Solution {
     let m = [0, 1, 2].map(|axis| [misalignment(axis, 0), misalignment(axis, 1)]);
-    let mut model = JointModel::new(campaign, dwells, set_points, &curves);
+    let mut model = AccelerometerModel::new(campaign, dwells, set_points, &curves);
     model.with_tilt = tilt.is_some();
     for (k, tilt) in tilt.unwrap_or_default().into_iter().enumerate() {
         model.unknown[model.tilt + k] = tilt;
@@ -191,7 +175,7 @@ pub(crate) fn fixed_solution(
 }
 
 /// The equations of all dwells, and the current values of the unknowns.
-struct JointModel<'a> {
+struct AccelerometerModel<'a> {
     campaign: &'a Campaign,
     dwells: &'a [Dwell],
     set_points: &'a [SetPoint],
@@ -208,35 +192,21 @@ struct JointModel<'a> {
     unknown: DVector<f64>,
 }
 
-/// A linearisation and its solution.
-struct NewtonStep {
-    jacobian: DMatrix<f64>,
-    residual: DVector<f64>,
-    /// H^-1, with H = J'J.
-    inverse: DMatrix<f64>,
-    change: DVector<f64>,
-    condition: f64,
-}
-
-impl<'a> JointModel<'a> {
+impl<'a> AccelerometerModel<'a> {
     fn new(campaign: &'a Campaign, dwells: &'a [Dwell], set_points: &'a [SetPoint], curves: &'a Curves) -> Self {
-        let mut next = 0;
-        let mut take = |count| {
-            next += count;
-            next - count
-        };
+        let mut numbering = Numbering::default();
         let mut offsets = [[0; QUANTITIES]; 3];
         let mut misalignments = [0; 3];
         for axis in 0..AXES {
             for (offset, curve) in offsets[axis].iter_mut().zip(&curves[axis]) {
-                *offset = take(curve.order() + 1);
+                *offset = numbering.take(curve.order() + 1);
             }
-            misalignments[axis] = take(2);
+            misalignments[axis] = numbering.take(2);
         }
-        let tilt = take(2);
+        let tilt = numbering.take(2);
         // A bias is far below its unit, a scale factor is about as large as its unit.
         let unit = [1e-3, 1e5, 1e5];
-        let mut unknown = DVector::zeros(next);
+        let mut unknown = DVector::zeros(numbering.count());
         for axis in 0..AXES {
             for (quantity, curve) in curves[axis].iter().enumerate() {
                 for (k, c) in curve.coefficients().iter().enumerate() {
@@ -246,31 +216,6 @@ impl<'a> JointModel<'a> {
         }
         let with_tilt = campaign.mount.is_some();
         Self { campaign, dwells, set_points, curves, offsets, misalignments, tilt, with_tilt, unit, unknown }
-    }
-
-    /// Repeats Gauss-Newton steps until they are at rounding level.
-    fn converge(&mut self, counted: &[bool]) -> Result<Solution, OneStageError> {
-        let undetermined = OneStageError::Undetermined { unknowns: self.unknowns() };
-        let mut step = self.step(counted).ok_or(undetermined)?;
-        for _ in 0..MAX_STEPS {
-            let size = step.change.amax();
-            if !size.is_finite() {
-                return Err(OneStageError::Divergence);
-            }
-            let mut unknown = self.unknown.rows_mut(0, step.change.len());
-            unknown += &step.change;
-            step = self.step(counted).ok_or(undetermined)?;
-            // The unknowns are scaled so that the curves are of order 1.
-            if size < 1e-13 {
-                return Ok(self.solution(&step, counted));
-            }
-        }
-        // Rounding can keep the last steps above the first limit.
-        if step.change.amax() < 1e-11 { Ok(self.solution(&step, counted)) } else { Err(OneStageError::Divergence) }
-    }
-
-    fn unknowns(&self) -> usize {
-        if self.with_tilt { self.tilt + 2 } else { self.tilt }
     }
 
     fn value(&self, axis: usize, quantity: usize, powers: &[f64]) -> f64 {
@@ -313,24 +258,6 @@ impl<'a> JointModel<'a> {
             set(self.tilt + 1, -tilt[1]);
         }
         (residual, [by[0], by[1], by[2], -force[others[0]], -force[others[1]]])
-    }
-
-    /// Linearises at the current values and solves; `None` if the dwells do not determine the unknowns.
-    fn step(&self, counted: &[bool]) -> Option<NewtonStep> {
-        let (rows, columns) = (AXES * self.dwells.len(), self.unknowns());
-        let mut jacobian = DMatrix::zeros(rows, columns);
-        let mut residual = DVector::zeros(rows);
-        for (d, dwell) in self.dwells.iter().enumerate() {
-            for axis in 0..AXES {
-                let i = AXES * d + axis;
-                (residual[i], _) = self.row(dwell, axis, |j, value| jacobian[(i, j)] = value);
-                if !counted[d] {
-                    jacobian.row_mut(i).fill(0.0);
-                }
-            }
-        }
-        let LeastSquares { change, inverse, condition } = least_squares(&jacobian, &residual)?;
-        Some(NewtonStep { jacobian, residual, inverse, change, condition })
     }
 
     fn solution(&self, step: &NewtonStep, counted: &[bool]) -> Solution {
@@ -407,28 +334,55 @@ impl<'a> JointModel<'a> {
     /// Covariance of the unknowns as in the module's header; `None` if a set point has fewer dwells than parameters.
     fn covariance(&self, step: &NewtonStep, counted: &[bool]) -> Option<DMatrix<f64>> {
         let columns = self.unknowns();
-        let mut deltas = Vec::new();
-        let mut scores = Vec::new();
-        for set_point in self.set_points {
+        let deviations = |set_point: &SetPoint| {
             let (rows, local) = self.local(set_point, step, counted)?;
             let residual = DVector::from_iterator(rows.len(), rows.iter().map(|&row| step.residual[row]));
             let jacobian = DMatrix::from_fn(rows.len(), columns, |i, j| step.jacobian[(rows[i], j)]);
-            scores.push(jacobian.transpose() * &local);
-            deltas.push(pseudo_inverse(local, SINGULAR)? * residual);
-        }
-        let n = self.set_points.len();
+            let score = jacobian.transpose() * &local;
+            Some((pseudo_inverse(local, SINGULAR)? * residual, score))
+        };
+        let parts: Option<Vec<_>> = self.set_points.iter().map(deviations).collect();
         // Degrees of freedom that the fit takes: the coefficients of a curve, or 1 for a constant.
         let spent = |parameter: usize| match (parameter / PARAMETERS, parameter % PARAMETERS) {
             (axis @ 0..AXES, quantity @ 0..QUANTITIES) => self.curves[axis][quantity].order() + 1,
             _ => 1,
         };
-        let freedom = |parameter: usize| n.saturating_sub(spent(parameter)).max(1) as f64;
-        let all = self.local_parameters();
-        let s = DMatrix::from_fn(all, all, |i, j| {
-            deltas.iter().map(|delta| delta[i] * delta[j]).sum::<f64>() / (freedom(i) * freedom(j)).sqrt()
-        });
-        let middle = scores.iter().map(|score| score * &s * score.transpose()).sum::<DMatrix<f64>>();
-        Some(&step.inverse * middle * &step.inverse)
+        let freedom = |parameter: usize| self.set_points.len().saturating_sub(spent(parameter)).max(1) as f64;
+        Some(step.covariance(&parts?, self.local_parameters(), freedom))
+    }
+}
+
+impl JointModel for AccelerometerModel<'_> {
+    /// The unknowns are scaled so that the curves are of order 1.
+    const CONVERGED: f64 = 1e-13;
+    const AT_ROUNDING: f64 = 1e-11;
+
+    fn unknowns(&self) -> usize {
+        if self.with_tilt { self.tilt + 2 } else { self.tilt }
+    }
+
+    fn values(&mut self) -> &mut DVector<f64> {
+        &mut self.unknown
+    }
+
+    fn step(&mut self, counted: &[bool]) -> Option<NewtonStep> {
+        let (rows, columns) = (AXES * self.dwells.len(), self.unknowns());
+        let mut jacobian = DMatrix::zeros(rows, columns);
+        let mut residual = DVector::zeros(rows);
+        for (d, dwell) in self.dwells.iter().enumerate() {
+            for axis in 0..AXES {
+                let i = AXES * d + axis;
+                (residual[i], _) = self.row(dwell, axis, |j, value| jacobian[(i, j)] = value);
+                if !counted[d] {
+                    jacobian.row_mut(i).fill(0.0);
+                }
+            }
+        }
+        NewtonStep::of(jacobian, residual)
+    }
+
+    fn size(step: &NewtonStep) -> f64 {
+        step.change.amax()
     }
 }
 

@@ -5,7 +5,7 @@ use crate::error::CalibrationError;
 use crate::one_stage::SetPointValues;
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{OrderTable, PureError, QUANTITIES, Rule};
+use isotherm_statistics::{Curve, OrderTable, PureError, QUANTITIES, Rule};
 
 /// The lowest order of a curve that is chosen, as far as the set points allow it: the model is cubic. A term that the
 /// noise of a set point hides still moves the curve by some ppm.
@@ -68,4 +68,12 @@ impl OrderRules {
         let axis = |axis: usize| Ok::<_, CalibrationError>([of(axis, 0)?, of(axis, 1)?, of(axis, 2)?]);
         Ok([axis(0)?, axis(1)?, axis(2)?])
     }
+}
+
+/// The curves of the chosen orders over the ranges of head and board telemetry.
+pub(crate) fn curves(orders: &[[OrderTable; 3]; AXES], ranges: &[[[f64; 2]; 2]; AXES]) -> [[Curve; 3]; AXES] {
+    let curve = |axis: usize, q: usize| {
+        Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])
+    };
+    [0, 1, 2].map(|axis| [0, 1, 2].map(|q| curve(axis, q)))
 }

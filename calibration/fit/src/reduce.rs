@@ -21,7 +21,7 @@ use nalgebra::{DMatrix, DVector};
 /// The parameters of one accelerometer at one set point: A \[g0\], K+ and K- \[pulse/(s*g0)\], m onto the next axis and
 /// m onto the one after \[rad\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reduced {
+pub struct SensorReduction {
     /// A, K+, K-, m, m.
     pub values: [f64; PARAMETERS],
     /// Standard errors of the values, from the scatter within the set point; NaN if there are only as many dwells as
@@ -34,8 +34,8 @@ pub struct Reduced {
 }
 
 /// What both triads have, of a set point with `dwells` dwells.
-pub(crate) fn sensors(reduced: &[Reduced; AXES], dwells: usize) -> [ReducedSensor<'_>; AXES] {
-    reduced.each_ref().map(|Reduced { telemetry, values, standard_errors, .. }| ReducedSensor {
+pub(crate) fn sensors(reduced: &[SensorReduction; AXES], dwells: usize) -> [ReducedSensor<'_>; AXES] {
+    reduced.each_ref().map(|SensorReduction { telemetry, values, standard_errors, .. }| ReducedSensor {
         telemetry: *telemetry,
         values,
         standard_errors,
@@ -47,7 +47,7 @@ pub(crate) fn sensors(reduced: &[Reduced; AXES], dwells: usize) -> [ReducedSenso
 /// not determine the parameters. The caller must check first that the positions do: otherwise the few pulses of a
 /// horizontal reading could be taken for a scale factor.
 #[must_use]
-pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<Reduced> {
+pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<[f64; 2]>) -> Option<SensorReduction> {
     let force =
         |dwell: &Dwell, k: usize| campaign.force(&campaign.positions[dwell.position], tilt).0[(axis + k) % AXES];
     // Rates are divided by the largest rate, so that all columns are of order 1.
@@ -84,7 +84,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<
         dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * telemetry(dwell)).sum()
     };
     let board = |dwell: &Dwell| dwell.board(axis);
-    Some(Reduced {
+    Some(SensorReduction {
         values: [solution[0], k_plus, k_minus, solution[3], solution[4]],
         standard_errors: [
             error(0),

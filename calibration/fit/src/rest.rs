@@ -4,7 +4,7 @@
 //! # Rules
 //! 1. The vehicle was not armed and did not fly, where its log says so.
 //! 2. `motion`: a part is at rest if it is as quiet as the quietest lasting part of the recording; and at that level
-//!    averaging has to help, as in the standstills of [`isotherm_campaign`].
+//!    averaging has to help, as in the static poses of [`isotherm_campaign`].
 //! 3. `bumps`: where the level steps, the attitude is another one from there on.
 //! 4. `thermometer`: a thermometer that stands still while the biases go on has no rows there.
 //! 5. The stretch that covers the largest span of temperature is used. Others of the same recording are used beside it

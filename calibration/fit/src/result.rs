@@ -5,7 +5,7 @@ use crate::checks::SetPoint;
 use crate::gyroscopes::result::GyroscopeCalibration;
 use crate::one_stage::Solution;
 use crate::options::CalibrationOptions;
-use crate::reduce::Reduced;
+use crate::reduce::SensorReduction;
 use crate::transients::Transients;
 use isotherm_campaign::{Dwell, Observability};
 use isotherm_shared::table::CoefficientTable;
@@ -32,7 +32,7 @@ pub struct Calibration {
     /// What the positions determine, by axis.
     pub observability: [Observability; AXES],
     /// Each set point reduced by itself, by axis: the paper's values.
-    pub reduced: Vec<[Reduced; AXES]>,
+    pub reduced: Vec<[SensorReduction; AXES]>,
     /// The order tables, by axis and quantity.
     pub orders: [[OrderTable; 3]; AXES],
     /// The estimate that the table is made of.

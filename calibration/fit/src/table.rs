@@ -1,9 +1,9 @@
 //! The table of fitted curves.
 
 use isotherm_campaign::Campaign;
-use isotherm_shared::polynomial::MAX_ORDER;
+use isotherm_shared::polynomial::{MAX_ORDER, Polynomial};
 use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, GYROSCOPE_NAMES, OutOfRange, Refusal};
-use isotherm_shared::units::BiasUnit;
+use isotherm_shared::units::{BiasUnit, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, QUANTITIES};
 use nalgebra::Matrix3;
@@ -28,6 +28,31 @@ pub(crate) fn table_of(
         alignment,
         gyroscopes: None,
     })
+}
+
+/// A sensor of a table; `None` if it has no gyroscopes.
+#[must_use]
+pub fn axis_of(content: &Content, kind: SensorKind, axis: usize) -> Option<&Axis> {
+    match kind {
+        SensorKind::Accelerometer => content.axes.get(axis),
+        SensorKind::Gyroscope => content.gyroscopes.as_ref()?.axes.get(axis),
+    }
+}
+
+/// A sensor of a table that has gyroscopes if one of them is meant.
+pub(crate) fn axis_mut(content: &mut Content, kind: SensorKind, axis: usize) -> &mut Axis {
+    let axes = match (kind, &mut content.gyroscopes) {
+        (SensorKind::Gyroscope, Some(gyroscopes)) => &mut gyroscopes.axes,
+        _ => &mut content.axes,
+    };
+    &mut axes[axis]
+}
+
+/// Makes `curve`, in the unit of the fit, the bias of a sensor.
+pub(crate) fn set_bias(axis: &mut Axis, curve: &Polynomial) {
+    let factor = axis.bias_unit.factor();
+    let coefficients: Vec<_> = curve.coefficients().iter().map(|c| c / factor).collect();
+    axis.bias = Polynomial::new(&coefficients, curve.center(), curve.scale(), curve.range()).unwrap_or(axis.bias);
 }
 
 /// Bias, K+ and K- of the gyroscopes as a table has them.

@@ -417,6 +417,6 @@ fn outside(ramps: &Ramps, curves: CurveSource) -> Option<String> {
 }
 
 fn standard_deviation(values: &[f64]) -> f64 {
-    let mean = blocks::mean(values);
+    let mean = isotherm_statistics::mean(values);
     (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }

@@ -86,15 +86,3 @@ impl<'a> CalibratedTriad<'a> {
         }
     }
 }
-
-/// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis
-/// after it.
-pub(crate) fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
-    let mut rows = [[diagonal; AXES]; AXES];
-    for (axis, pair) in pairs.into_iter().enumerate() {
-        for (k, value) in pair.into_iter().enumerate() {
-            rows[axis][(axis + 1 + k) % AXES] = value;
-        }
-    }
-    rows
-}

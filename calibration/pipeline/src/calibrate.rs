@@ -6,13 +6,13 @@ use crate::samples::RowSource;
 use isotherm_campaign::{Campaign, Ramp};
 use isotherm_files::{Trust, load_table_text, sources};
 use isotherm_fit::{
-    CalibrationError, CalibrationOptions, CampaignSource, Fitted, GravityOnlyOptions, Measured, Measurements,
-    OneAttitudeOptions, RampRecording, TumbleRecording, observable, read_measurements, sha256,
+    CalibrationData, CalibrationError, CalibrationOptions, CalibrationOutcome, CampaignSource, Measurements,
+    RampRecording, TumbleOptions, TumbleRecording, WarmUpOptions, observable, read_measurements, sha256,
 };
 use isotherm_recording::{CampaignRow, LogImu, Marks, Progress, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
-use isotherm_report::{fitted, json};
+use isotherm_report::{json, outcome};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
 use isotherm_support::failure::{Exit, Failure};
@@ -52,7 +52,7 @@ impl<F: Into<Failure>> From<F> for JobFailure {
 #[derive(Clone, Debug)]
 pub struct Inputs {
     /// The measurements.
-    pub measured: Measured,
+    pub measured: CalibrationData,
     /// Where they come from.
     pub origin: InputOrigin,
 }
@@ -82,9 +82,9 @@ pub struct InputOrigin {
 
 /// A calibration with the text of its table.
 #[derive(Clone, Debug)]
-pub struct CalibrationOutcome {
+pub struct JobOutcome {
     /// The calibration.
-    pub fitted: Fitted,
+    pub fitted: CalibrationOutcome,
     /// The text of the table file, sealed, with its provenance.
     pub table: String,
     /// Where it comes from.
@@ -123,9 +123,9 @@ impl Inputs {
         let ramps = origin.take(reader.ramps(campaign, &file.ramps(campaign))?);
         let measured = match curves {
             Some((curves, curves_have_errors)) => {
-                Measured::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
+                CalibrationData::Ramps(ramps, Box::new(curves), CalibrationOptions { curves_have_errors, ..options })
             }
-            None => Measured::Campaign(Measurements { ramps, ..measurements }, options),
+            None => CalibrationData::Campaign(Measurements { ramps, ..measurements }, options),
         };
         Ok(Self { measured, origin })
     }
@@ -139,7 +139,7 @@ impl Inputs {
         campaign: &Campaign,
         file: Option<&CampaignFile>,
         samples: Vec<RowSource<'_>>,
-        options: GravityOnlyOptions,
+        options: TumbleOptions,
         input: &InputOptions,
         bar: Bar<'_>,
     ) -> Result<Self, JobFailure> {
@@ -147,7 +147,7 @@ impl Inputs {
         let mut origin = InputOrigin::new(&samples, file, input);
         let reader = RecordingReader::foreign(&campaign.imu, input, bar);
         let recordings = origin.take(reader.tumbles(samples)?);
-        Ok(Self { measured: Measured::GravityOnly(recordings, options), origin })
+        Ok(Self { measured: CalibrationData::Tumble(recordings, options), origin })
     }
 
     /// Reads the recordings of a warm-up, which are at one attitude, and what describes them. Without a `nominal` table
@@ -159,7 +159,7 @@ impl Inputs {
         imu: &ImuId,
         samples: Vec<RowSource<'_>>,
         (nominal, gravity): (Option<CoefficientTable>, Option<f64>),
-        options: OneAttitudeOptions,
+        options: WarmUpOptions,
         input: &InputOptions,
         bar: Bar<'_>,
     ) -> Result<(Campaign, Self), JobFailure> {
@@ -174,17 +174,17 @@ impl Inputs {
             None => of_readings.map_err(needs_nominal).and_then(|found| nominal_of(found, gravity))?,
         };
         let content = nominal.content();
-        let campaign = Campaign::one_attitude(imu.clone(), content.gravity, &content.temperature_unit, &names);
-        Ok((campaign, Self { measured: Measured::OneAttitude(recordings, Box::new(nominal), options), origin }))
+        let campaign = Campaign::warm_up(imu.clone(), content.gravity, &content.temperature_unit, &names);
+        Ok((campaign, Self { measured: CalibrationData::WarmUp(recordings, Box::new(nominal), options), origin }))
     }
 
     /// Makes the table.
     ///
     /// # Errors
     /// If the data do not allow a valid table.
-    pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<CalibrationOutcome, JobFailure> {
+    pub fn fit(self, campaign: &Campaign, file: Option<&CampaignFile>) -> Result<JobOutcome, JobFailure> {
         let Self { measured, origin } = self;
-        let fitted = Fitted::fit(campaign, measured).map_err(|error| origin.refusal(error, file))?;
+        let fitted = CalibrationOutcome::fit(campaign, measured).map_err(|error| origin.refusal(error, file))?;
         let source = CampaignSource {
             campaign: file.map(CampaignFile::name).unwrap_or_default(),
             campaign_sha256: file.map_or_else(String::new, |file| sha256(file.text.as_bytes())),
@@ -193,10 +193,10 @@ impl Inputs {
             rows: origin.rows,
             part: origin.part,
             log_imu: origin.log_imu,
-            ..CampaignSource::now()
+            ..CampaignSource::at(crate::now())
         };
         let table = fitted.sealed(campaign, &source).map_err(|message| Failure::new(Exit::Failed, message))?;
-        Ok(CalibrationOutcome { fitted, table, source, places: origin.places, notes: origin.notes })
+        Ok(JobOutcome { fitted, table, source, places: origin.places, notes: origin.notes })
     }
 }
 
@@ -245,23 +245,23 @@ impl InputOrigin {
     }
 }
 
-impl CalibrationOutcome {
+impl JobOutcome {
     /// What was found, in lines.
     #[must_use]
     pub fn text(&self) -> String {
-        fitted::text(&self.fitted)
+        outcome::text(&self.fitted)
     }
 
     /// What was found, as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        fitted::json(&self.fitted, |line| self.places.locate(line))
+        outcome::json(&self.fitted, |line| self.places.locate(line))
     }
 
     /// The report as HTML.
     #[must_use]
     pub fn html(&self, campaign: &Campaign) -> String {
-        fitted::html(campaign, &self.fitted, &self.source, &|line| self.places.locate(line))
+        outcome::html(campaign, &self.fitted, &self.source, &|line| self.places.locate(line))
     }
 
     /// The findings, a line each.

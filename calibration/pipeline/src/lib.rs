@@ -23,6 +23,7 @@
 //! ```
 
 mod calibrate;
+mod clock;
 mod files;
 mod laid_out;
 mod proposal;
@@ -31,7 +32,8 @@ mod samples;
 mod vehicle;
 mod verify;
 
-pub use calibrate::{CalibrationOutcome, InputOptions, InputOrigin, Inputs, JobFailure};
+pub use calibrate::{InputOptions, InputOrigin, Inputs, JobFailure, JobOutcome};
+pub use clock::now;
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
 pub use repair::repair_into;

@@ -4,7 +4,7 @@
 
 use isotherm_campaign::Campaign;
 use isotherm_fit::CalibrationOptions;
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, InputOptions, Inputs, JobFailure, no_bar, propose};
+use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, no_bar, propose};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{CampaignSchedule, SimulatedRow, Truth, campaign};
 use isotherm_support::failure::Exit;
@@ -154,7 +154,7 @@ impl Laboratory {
         text
     }
 
-    fn made(&self, name: &str) -> CalibrationOutcome {
+    fn made(&self, name: &str) -> JobOutcome {
         calibrate(&self.path(name)).unwrap_or_else(|refused| panic!("{}", refused.failure.message))
     }
 
@@ -168,14 +168,14 @@ impl Laboratory {
     }
 }
 
-fn calibrate(path: &Path) -> Result<CalibrationOutcome, JobFailure> {
+fn calibrate(path: &Path) -> Result<JobOutcome, JobFailure> {
     let file = CampaignFile::read(path)?;
     let campaign: Campaign = file.campaign(None)?;
     Inputs::turntable(&campaign, &file, Vec::new(), CalibrationOptions::default(), &InputOptions::default(), &no_bar)?
         .fit(&campaign, Some(&file))
 }
 
-fn table(made: &CalibrationOutcome) -> CoefficientTable {
+fn table(made: &JobOutcome) -> CoefficientTable {
     CoefficientTable::from_toml(&made.table, None).unwrap()
 }
 
@@ -198,7 +198,7 @@ fn differences(one: &CoefficientTable, other: &CoefficientTable) -> [f64; 2] {
     most
 }
 
-fn names(made: &CalibrationOutcome) -> Vec<&'static str> {
+fn names(made: &JobOutcome) -> Vec<&'static str> {
     made.fitted.findings().iter().map(|finding| finding.name).collect()
 }
 

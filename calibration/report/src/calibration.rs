@@ -12,7 +12,7 @@ mod triad;
 
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use crate::calibration::parts::{Report, angle, remark};
+use crate::calibration::parts::{CalibrationPage, angle, remark};
 use crate::parts::{NAVIGATION, navigation, provenance};
 use isotherm_campaign::{Campaign, Dwell, Position};
 use isotherm_fit::{CalibratedTriad, Calibration, CampaignSource};
@@ -33,7 +33,8 @@ pub fn html(
     source: &CampaignSource,
     locate: &dyn Fn(u64) -> String,
 ) -> String {
-    let report = Report { campaign, calibration, source, locate, triads: CalibratedTriad::all(calibration).collect() };
+    let report =
+        CalibrationPage { campaign, calibration, source, locate, triads: CalibratedTriad::all(calibration).collect() };
     let title = format!("Calibration of {}", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
     report.result(&mut page);
@@ -50,7 +51,7 @@ pub fn html(
     page.finish()
 }
 
-impl Report<'_> {
+impl CalibrationPage<'_> {
     fn triad(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
         self.curves(page, triad);
         self.set_point_residuals(page, triad);

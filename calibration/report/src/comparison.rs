@@ -56,9 +56,7 @@ fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
         };
         page.note(kind, word, &judgement.message);
     }
-    for finding in &comparison.findings {
-        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
-    }
+    page.findings(&comparison.findings);
     for note in &comparison.notes {
         page.note(NoteKind::Warning, "Look at this", note);
     }

@@ -12,7 +12,7 @@ pub(crate) use verification::{Figures, JudgedView, with_unit};
 pub use crate::findings::findings;
 use crate::view::{value, view};
 use calibration::CalibrationView;
-use isotherm_fit::{Calibration, CalibrationError, GravityOnlyError, RampCalibration};
+use isotherm_fit::{Calibration, CalibrationError, RampCalibration, TumbleError};
 use isotherm_support::failure::Failure;
 use serde_json::{Value, json};
 use std::borrow::Cow;
@@ -82,9 +82,9 @@ pub fn refusal(error: &CalibrationError, failure: &Failure, locate: impl Fn(u64)
     let mut document = self::failure(failure);
     document["diagnosis"] = json!(diagnosis.map(|diagnosis| diagnosis.finding.record(&locate)));
     document["findings"] = crate::findings::findings(findings, &locate);
-    if let CalibrationError::GravityOnly(error) = error {
+    if let CalibrationError::Tumble(error) = error {
         let (parameters, attitude) = match error {
-            GravityOnlyError::Attitudes { parameters, attitude, .. } => (Some(parameters), Some(attitude)),
+            TumbleError::Attitudes { parameters, attitude, .. } => (Some(parameters), Some(attitude)),
             _ => (None, None),
         };
         document["parameters"] = json!(parameters);

@@ -6,6 +6,7 @@
 //! prints in the light palette.
 
 use crate::plot::Plot;
+use isotherm_support::finding::Finding;
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 const STYLE: &str = include_str!("style.css");
@@ -173,6 +174,11 @@ impl Page {
                 @if !text.is_empty() { p { (text) } }
             }
         });
+    }
+
+    /// Adds a note for each finding.
+    pub(crate) fn findings(&mut self, findings: &[Finding]) {
+        findings.iter().for_each(|finding| self.note(NoteKind::Warning, "Look at this", &finding.to_string()));
     }
 
     /// Adds a list of names and values.

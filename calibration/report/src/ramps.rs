@@ -2,14 +2,10 @@
 
 use super::page::{NoteKind, Page};
 use super::plot::{Plot, Style};
-use crate::parts::provenance;
+use crate::parts::{CURVE_INTERVALS, grid, provenance};
 use isotherm_campaign::Campaign;
-use isotherm_fit::{CampaignSource, RampCalibration, TriadUnits};
-use isotherm_shared::table::{Axis, CoefficientTable};
-use isotherm_shared::units::SensorKind;
-
-/// Intervals between the points of a drawn curve.
-const CURVE_INTERVALS: usize = 120;
+use isotherm_fit::{CampaignSource, RampCalibration, TriadUnits, axis_of};
+use isotherm_shared::table::Axis;
 
 /// The page as HTML.
 #[must_use]
@@ -21,9 +17,7 @@ pub fn html(campaign: &Campaign, calibration: &RampCalibration, source: &Campaig
     for sentence in calibration.not_known() {
         page.note(NoteKind::Warning, "Not known", &sentence);
     }
-    for finding in &calibration.findings {
-        page.note(NoteKind::Warning, "Look at this", &finding.to_string());
-    }
+    page.findings(&calibration.findings);
     page.key_values(&[
         ("Table", calibration.table.digest().to_string()),
         ("IMU", campaign.imu.to_string()),
@@ -45,13 +39,11 @@ fn curves(page: &mut Page, calibration: &RampCalibration) {
     let mut figures = Vec::new();
     for bias in &calibration.transients.biases {
         let units = TriadUnits::of(bias.kind);
-        let axis = |table| of_table(table, bias.kind, bias.axis);
-        let (Some(new), Some(old)) = (axis(&calibration.table), axis(&calibration.curves)) else { continue };
-        let [low, high] = new.bias.range();
+        let contents = [calibration.table.content(), calibration.curves.content()];
+        let [Some(new), Some(old)] = contents.map(|content| axis_of(content, bias.kind, bias.axis)) else { continue };
         let line = |axis: &Axis| -> Vec<(f64, f64)> {
-            let at = |i: usize| low + (high - low) * i as f64 / CURVE_INTERVALS as f64;
             let value = |u: f64| axis.bias_at(axis.bias.clamp(u)).0 * units.bias_factor;
-            (0..=CURVE_INTERVALS).map(at).map(|u| (u, value(u))).collect()
+            grid(new.bias.range(), CURVE_INTERVALS).map(|u| (u, value(u))).collect()
         };
         let title = format!("Bias of {}", bias.name());
         let plot = Plot::new(&title, &format!("Head telemetry / {unit}"), &format!("Bias / {}", units.bias_on_page));
@@ -59,12 +51,4 @@ fn curves(page: &mut Page, calibration: &RampCalibration) {
         figures.push((plot.svg(), String::new()));
     }
     page.figures(&figures);
-}
-
-fn of_table(table: &CoefficientTable, kind: SensorKind, axis: usize) -> Option<&Axis> {
-    let content = table.content();
-    match kind {
-        SensorKind::Accelerometer => Some(&content.axes[axis]),
-        SensorKind::Gyroscope => content.gyroscopes.as_ref().map(|gyroscopes| &gyroscopes.axes[axis]),
-    }
 }

@@ -5,7 +5,7 @@ use isotherm_verification::{Errors, Stability};
 
 /// How figures of a triad are shown.
 #[derive(Clone, Copy)]
-pub(crate) struct Shown {
+pub(crate) struct FigureFormat {
     /// From the triad's base unit to that of the page.
     pub(crate) factor: f64,
     /// Decimals.
@@ -15,9 +15,10 @@ pub(crate) struct Shown {
     pub(crate) unit_of_band: &'static str,
 }
 
-pub(crate) const MICRO_G0: Shown = Shown { factor: 1e6, places: 3, unit: "1e-6 g0", unit_of_band: "ug0" };
-pub(crate) const DEGREES_PER_HOUR: Shown = Shown { factor: 1.0, places: 4, unit: "deg/h", unit_of_band: "deg/h" };
-pub(crate) const RANDOM_WALK: Shown = Shown { places: 5, unit: "deg/sqrt(h)", ..DEGREES_PER_HOUR };
+pub(crate) const MICRO_G0: FigureFormat = FigureFormat { factor: 1e6, places: 3, unit: "1e-6 g0", unit_of_band: "ug0" };
+pub(crate) const DEGREES_PER_HOUR: FigureFormat =
+    FigureFormat { factor: 1.0, places: 4, unit: "deg/h", unit_of_band: "deg/h" };
+pub(crate) const RANDOM_WALK: FigureFormat = FigureFormat { places: 5, unit: "deg/sqrt(h)", ..DEGREES_PER_HOUR };
 
 /// Why samples are flagged.
 pub(crate) const FLAGGED: &str =

@@ -3,7 +3,7 @@
 //! Over 400 lines: the lines of calibrations and of verifications, which have the same layout.
 
 use super::parts;
-use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, SOAKED, Shown, named_errors};
+use super::shown::{DEGREES_PER_HOUR, FLAGGED, FigureFormat, MICRO_G0, SOAKED, named_errors};
 use isotherm_campaign::Dwell;
 use isotherm_fit::{
     Accuracy, CalibratedTriad, Calibration, GyroscopeCalibration, Prediction, RampCalibration, Transients, TriadUnits,
@@ -279,7 +279,11 @@ fn lines<const COUNT: usize>(remarks: [Option<String>; COUNT]) -> String {
 }
 
 /// Table 4 of the paper for a triad, with its header.
-fn figures(names: [&str; AXES], axes: &[AxisStability; AXES], Shown { factor, places, .. }: Shown) -> String {
+fn figures(
+    names: [&str; AXES],
+    axes: &[AxisStability; AXES],
+    FigureFormat { factor, places, .. }: FigureFormat,
+) -> String {
     let mut text = "          frozen at mid temperature        full model\n          std. deviation  rms about zero   std. deviation  \
                     rms about zero   factor (std. dev.)\n"
         .to_owned();
@@ -298,8 +302,8 @@ fn figures(names: [&str; AXES], axes: &[AxisStability; AXES], Shown { factor, pl
 }
 
 /// The hysteresis bands of a triad, with their header. If no axis is judged, a line says why.
-fn hysteresis(names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: Shown) -> String {
-    let Shown { factor, places, unit, .. } = shown;
+fn hysteresis(names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: FigureFormat) -> String {
+    let FigureFormat { factor, places, unit, .. } = shown;
     let bands = [0, 1, 2].map(|axis| loops.band(axis));
     if let [Err(a), Err(b), Err(c)] = bands
         && a == b
@@ -332,7 +336,7 @@ const ERRORS_HEADER: &str =
     "          constant            largest variation   worst               noise of a window   largest window";
 
 /// A line of the table below that header, without its end.
-fn errors_line(name: &str, errors: &Errors, Shown { factor, places, .. }: Shown) -> String {
+fn errors_line(name: &str, errors: &Errors, FigureFormat { factor, places, .. }: FigureFormat) -> String {
     let estimate = |it: Estimate| format!("{:.places$} +- {:.places$}", it.value * factor, it.interval * factor);
     format!(
         "  {name:<6}  {:<19} {:<19} {:<19} {:<19.places$} {:.places$}",

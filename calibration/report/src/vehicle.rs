@@ -1,13 +1,13 @@
 //! The page of the calibrations of all IMUs of a vehicle, a section each.
 
-use crate::one_attitude;
 use crate::page::{NoteKind, Page};
+use crate::warm_up;
 use isotherm_campaign::Campaign;
-use isotherm_fit::{CampaignSource, Fitted};
+use isotherm_fit::{CalibrationOutcome, CampaignSource};
 
 /// What became of an IMU of a vehicle: its calibration at one attitude, with where it comes from, or why there is no
 /// table.
-pub type Outcome<'a> = Result<(&'a Campaign, &'a Fitted, &'a CampaignSource), &'a str>;
+pub type Outcome<'a> = Result<(&'a Campaign, &'a CalibrationOutcome, &'a CampaignSource), &'a str>;
 
 /// The page as HTML, with the IMUs by their names. `source` is where the calibrations come from, in words.
 #[must_use]
@@ -17,8 +17,8 @@ pub fn html(source: &str, imus: &[(&str, Outcome<'_>)]) -> String {
     for (name, outcome) in imus {
         page.begin_part(name, name);
         match outcome {
-            Ok((campaign, Fitted::OneAttitude(found), source)) => {
-                one_attitude::fill(&mut page, campaign, found, source);
+            Ok((campaign, CalibrationOutcome::WarmUp(found), source)) => {
+                warm_up::fill(&mut page, campaign, found, source);
             }
             Ok(_) => {}
             Err(reason) => page.note(NoteKind::Bad, &format!("{name} is dropped"), reason),

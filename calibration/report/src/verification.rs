@@ -3,7 +3,7 @@
 use super::loops::pictures;
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use super::shown::{DEGREES_PER_HOUR, FLAGGED, MICRO_G0, RANDOM_WALK, SOAKED, Shown, named_errors};
+use super::shown::{DEGREES_PER_HOUR, FLAGGED, FigureFormat, MICRO_G0, RANDOM_WALK, SOAKED, named_errors};
 use crate::parts::{NAVIGATION, file_names, navigation, own_recording};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
@@ -155,7 +155,13 @@ fn frozen_at(middle: &[[f64; 2]; AXES], table: &CoefficientTable) -> String {
 }
 
 /// Table 4 of the paper for a triad.
-fn figures_table(page: &mut Page, caption: &str, names: [&str; AXES], axes: &[AxisStability; AXES], shown: Shown) {
+fn figures_table(
+    page: &mut Page,
+    caption: &str,
+    names: [&str; AXES],
+    axes: &[AxisStability; AXES],
+    shown: FigureFormat,
+) {
     let number = |figure: f64| Cell::number(figure * shown.factor, shown.places);
     let columns: [Column<'_, (&str, &AxisStability)>; 6] = [
         ("Axis", &|(name, _)| Cell::text(*name)),
@@ -171,12 +177,12 @@ fn figures_table(page: &mut Page, caption: &str, names: [&str; AXES], axes: &[Ax
 const ERRORS_HEADER: [&str; 6] = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
 
 /// A value with its interval.
-fn estimate(it: Estimate, Shown { factor, places, .. }: Shown) -> Cell {
+fn estimate(it: Estimate, FigureFormat { factor, places, .. }: FigureFormat) -> Cell {
     Cell::Number(format!("{:.places$} ± {:.places$}", it.value * factor, it.interval * factor))
 }
 
-fn errors_row(name: &str, errors: &Errors, shown: Shown) -> Vec<Cell> {
-    let Shown { factor, places, .. } = shown;
+fn errors_row(name: &str, errors: &Errors, shown: FigureFormat) -> Vec<Cell> {
+    let FigureFormat { factor, places, .. } = shown;
     vec![
         Cell::text(name),
         errors.constant.map_or_else(|| Cell::Number("not judged".to_owned()), |it| estimate(it, shown)),
@@ -194,7 +200,7 @@ struct TriadView<'a> {
     windows: Vec<&'a Window>,
     /// What the output should be.
     right: [f64; AXES],
-    shown: Shown,
+    shown: FigureFormat,
 }
 
 /// The gyroscopes, if there are any.
@@ -255,7 +261,7 @@ fn gyroscope_errors(page: &mut Page, found: &GyroscopeStability, window_s: f64) 
 }
 
 /// The hysteresis bands of a triad with their loops, where the run shows them.
-fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: Shown) {
+fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, shown: FigureFormat) {
     let band = |axis: &usize| loops.band(*axis).ok();
     let number = |value: Option<f64>| value.map(|it| format!("{:.*}", shown.places, it * shown.factor));
     let judged = |text: Option<String>| Cell::Number(text.unwrap_or_default());

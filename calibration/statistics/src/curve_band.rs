@@ -13,8 +13,8 @@
 //! Sources: D. Q. Naiman, Conservative confidence bands in curvilinear regression, 1986; J. Sun, C. R. Loader,
 //! Simultaneous confidence bands for linear regression and smoothing, 1994.
 
-use crate::regression::{f_limit, f_tail};
 use crate::student::student_quantile_of;
+use crate::tails::{f_limit, f_tail};
 use nalgebra::{DMatrix, DVector};
 
 /// Parts of the range whose lengths are added; a cubic's path is known to 1e-4 then.

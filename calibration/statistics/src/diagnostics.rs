@@ -1,7 +1,8 @@
 //! Conditions that invalidate F and the standard errors: residuals that are not independent, a difference between
 //! heating and cooling, outliers.
 
-use crate::regression::{Regression, f_tail};
+use crate::regression::Regression;
+use crate::tails::f_tail;
 use core::cmp::Ordering;
 use serde::Serialize;
 

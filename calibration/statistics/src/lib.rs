@@ -22,10 +22,12 @@ mod double_double;
 mod hysteresis;
 mod largest;
 mod least_squares;
+mod mean;
 mod order;
 mod regression;
 mod student;
 mod sweep_band;
+mod tails;
 
 pub use curve::{CONFIDENCE, Curve, SlopeError};
 pub use diagnostics::{Diagnostics, Test, greatest_divisor, median, robust_sd};
@@ -33,9 +35,9 @@ pub use double_double::DoubleDouble;
 pub use hysteresis::{BINS, LoopPoint, Sweep, band, shared_bins, sweeps};
 pub use largest::{largest, root};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares, pseudo_inverse};
+pub use mean::{mean, rms};
 pub use order::{OrderTable, PureError, QUANTITIES, Rule, choose, default_order};
-pub use regression::{
-    DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError, beta_tail, f_limit, f_tail,
-};
+pub use regression::{DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError};
 pub use student::{student_quantile, student_quantile_of};
 pub use sweep_band::{Disagreement, SweepBand, SweepValues, sweep_band};
+pub use tails::{beta_tail, f_limit, f_tail};

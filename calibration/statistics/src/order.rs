@@ -3,7 +3,8 @@
 mod choice;
 
 use crate::diagnostics::Diagnostics;
-use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError, f_limit};
+use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError};
+use crate::tails::f_limit;
 use choice::Choice;
 pub use choice::{PureError, Rule, choose};
 use core::fmt::Write as _;

@@ -26,36 +26,24 @@
 //! triangle R. This one factorisation serves every order up to M. The factorisation and the expansion to powers of the
 //! raw x use double-double arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data
 //! sets lose about 15.
-//!
-//! Over 400 lines: one factorisation and the figures derived from it, in the notation of the paper.
 
 use crate::double_double::DoubleDouble;
+use crate::tails::f_tail;
 use core::cmp::Ordering;
 use linear::{CentredColumn, check_rank, resolution};
 use nalgebra::{DMatrix, DVector};
 use points::center_and_scale;
 use serde::Serialize;
-use statrs::function::beta::beta_reg;
+use terms::Terms;
 
 mod linear;
 mod points;
+mod terms;
 
 pub use linear::LinearColumn;
 pub(crate) use linear::LinearTerm;
 pub use points::{DataPoint, MAX_ORDER, RegressionError};
-
-/// The partial sum of squares of one term, and its test.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Partial {
-    /// The term's power.
-    pub term: usize,
-    /// Q(without the term) - Q, eq. (16).
-    pub sum_of_squares: f64,
-    /// F with 1 and n-m-1 degrees of freedom; none for a perfect fit.
-    pub f: Option<f64>,
-    /// Probability of a larger F if the term had no effect.
-    pub p: Option<f64>,
-}
+pub use terms::Partial;
 
 /// The fit of one order. A figure that does not exist, such as F of a perfect fit, is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -380,59 +368,26 @@ impl Regression {
         raw: &[Vec<DoubleDouble>],
         scan: &PointScan,
     ) -> Fit {
-        let terms = self.count(order);
-        let df = self.n() - terms;
+        let (count, n) = (self.count(order), self.n());
+        let df = n - count;
         let total: DoubleDouble = self.rotated[1..].iter().map(|&z| z * z).sum();
+        let explained = total - sse;
         let mean_square = (df > 0).then(|| sse / DoubleDouble::from(df as f64));
         let tested = mean_square.filter(|ms| *ms > DoubleDouble::ZERO);
-        let explained = total - sse;
-        // Only the leading block is used. Row i is divided by its largest entry, about a power of the scale, so that
-        // the squares stay in the range of doubles.
-        let size = |matrix: &[Vec<DoubleDouble>], i: usize| {
-            DoubleDouble::from((0..terms).map(|k| matrix[i][k].value().abs()).fold(0.0, f64::max))
-        };
-        let variance = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
-            let size = size(matrix, i);
-            (0..terms).map(|k| matrix[i][k] / size).map(|part| part * part).sum()
-        };
-        let coefficient = |matrix: &[Vec<DoubleDouble>], i: usize| -> DoubleDouble {
-            (0..terms).map(|k| matrix[i][k] * self.rotated[k]).sum()
-        };
-        let test = |matrix: &[Vec<DoubleDouble>], i: usize| {
-            let c = coefficient(matrix, i) / size(matrix, i);
-            let sum_of_squares = c * c / variance(matrix, i);
-            let f = tested.map(|ms| (sum_of_squares / ms).value());
-            (sum_of_squares.value(), f, f.map(|f| f_tail(f, 1.0, df as f64)))
-        };
-        let partial = |matrix: &[Vec<DoubleDouble>]| -> Vec<Partial> {
-            let of_term = |term: usize| {
-                let (sum_of_squares, f, p) = test(matrix, self.term(term));
-                Partial { term, sum_of_squares, f, p }
-            };
-            (1..=order).map(of_term).collect()
-        };
-        let standard_error = |i: usize| mean_square.map(|ms| (size(raw, i) * (variance(raw, i) * ms).sqrt()).value());
-        let linear = |(column, i): (&CentredColumn, usize)| {
-            let (sum_of_squares, f, p) = test(raw, i);
-            let inflation = variance(&self.inverse, i) * column.sum_of_squares;
-            LinearTerm {
-                column: column.name.clone(),
-                coefficient: coefficient(raw, i).value(),
-                standard_error: standard_error(i),
-                sum_of_squares,
-                f,
-                p,
-                variance_inflation: (inflation * size(&self.inverse, i) * size(&self.inverse, i)).value(),
-            }
+        let terms = |matrix| Terms { matrix, rotated: &self.rotated, count, mean_square: tested, df_residual: df };
+        let (raw, centred) = (terms(raw), terms(&self.inverse));
+        let partial = |terms: &Terms<'_>| (1..=order).map(|power| terms.partial(power, self.term(power))).collect();
+        let linear = |(column, term): (&CentredColumn, usize)| {
+            raw.linear(term, &column.name, mean_square, centred.inflation(term, column.sum_of_squares))
         };
         let ratio = (total > DoubleDouble::ZERO).then(|| sse / total);
         let r_squared = ratio.map(|ratio| DoubleDouble::ONE - ratio);
-        let f =
-            tested.filter(|_| terms > 1).map(|ms| (explained / DoubleDouble::from((terms - 1) as f64) / ms).value());
+        let free = (count - 1) as f64;
+        let f = tested.filter(|_| count > 1).map(|ms| (explained / DoubleDouble::from(free) / ms).value());
         Fit {
             order,
-            coefficients: (0..=order).map(|power| coefficient(raw, self.term(power)).value()).collect(),
-            standard_errors: (0..=order).map(|power| standard_error(self.term(power))).collect(),
+            coefficients: (0..=order).map(|power| raw.coefficient(self.term(power)).value()).collect(),
+            standard_errors: (0..=order).map(|power| raw.standard_error(self.term(power), mean_square)).collect(),
             residual_sd: mean_square.map(|ms| ms.sqrt().value()),
             sse: sse.value(),
             ss_regression: explained.value(),
@@ -442,18 +397,18 @@ impl Regression {
             r_squared: r_squared.map(DoubleDouble::value),
             one_minus_r_squared: ratio.map(DoubleDouble::value),
             adj_r_squared: ratio.filter(|_| df > 0).map(|ratio| {
-                let scaled = ratio * DoubleDouble::from((self.n() - 1) as f64) / DoubleDouble::from(df as f64);
+                let scaled = ratio * DoubleDouble::from((n - 1) as f64) / DoubleDouble::from(df as f64);
                 (DoubleDouble::ONE - scaled).value()
             }),
             r: r_squared.map(|r_squared| r_squared.sqrt().value()),
             f,
-            f_p: f.map(|f| f_tail(f, (terms - 1) as f64, df as f64)),
-            partial: partial(raw),
-            partial_centred: partial(&self.inverse),
+            f_p: f.map(|f| f_tail(f, free, df as f64)),
+            partial: partial(&raw),
+            partial_centred: partial(&centred),
             linear: self.linear.iter().zip(1..).map(linear).collect(),
             sequential_ss: (previous - sse).value(),
             effect: scan.effect,
-            leave_one_out_rms: scan.press.map(|press| (press / self.n() as f64).sqrt()),
+            leave_one_out_rms: scan.press.map(|press| (press / n as f64).sqrt()),
             leave_one_out_max: scan.press.map(|_| scan.worst),
         }
     }
@@ -491,51 +446,6 @@ struct PointScan {
     press: Option<f64>,
     /// Largest leave-one-out error.
     worst: f64,
-}
-
-/// Probability that an F variable with `d1` and `d2` degrees of freedom is larger than `f`.
-///
-/// ```
-/// use isotherm_statistics::f_tail;
-///
-/// // The printed 5 % limit of F with 2 and 10 degrees of freedom is 4.10.
-/// assert!((f_tail(4.1028, 2.0, 10.0) - 0.05).abs() < 1e-5);
-/// ```
-#[must_use]
-pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
-    if f.is_nan() || f <= 0.0 {
-        return if f.is_nan() { f64::NAN } else { 1.0 };
-    }
-    beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
-}
-
-/// The probability that a variable of the beta distribution with the shapes `a` and `b` exceeds `x`.
-#[must_use]
-pub fn beta_tail(x: f64, a: f64, b: f64) -> f64 {
-    if !(a > 0.0 && b > 0.0) || x.is_nan() { f64::NAN } else { 1.0 - beta_reg(a, b, x.clamp(0.0, 1.0)) }
-}
-
-/// The value that an F variable with `d1` and `d2` degrees of freedom exceeds with probability `p`.
-///
-/// ```
-/// use isotherm_statistics::f_limit;
-///
-/// assert!((f_limit(0.05, 2.0, 10.0) - 4.1028).abs() < 1e-4);
-/// ```
-#[must_use]
-pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 1.0);
-    while f_tail(high, d1, d2) > p && high < 1e300 {
-        high *= 2.0;
-    }
-    // Bisection, until `low` and `high` are neighbouring doubles.
-    while let middle = low + (high - low) / 2.0
-        && middle > low
-        && middle < high
-    {
-        if f_tail(middle, d1, d2) > p { low = middle } else { high = middle }
-    }
-    high
 }
 
 fn distinct(points: &[DataPoint]) -> usize {

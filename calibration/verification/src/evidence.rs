@@ -2,7 +2,7 @@
 
 use isotherm_support::finding::{Finding, name};
 
-/// Of a run or standstills that the table was made from.
+/// Of a run or static poses that the table was made from.
 pub const OWN_RECORDING: &str = "this recording made the table: no evidence";
 
 /// The same as a finding.

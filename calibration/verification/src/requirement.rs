@@ -212,14 +212,14 @@ impl Bound {
 }
 
 /// A bound as the run shows it, before it is asked whether anything can be claimed of the run.
-struct Judged {
+struct BoundJudgement {
     bound: &'static str,
     message: String,
     word: String,
     remedy: Option<&'static str>,
 }
 
-impl Judged {
+impl BoundJudgement {
     fn factor(stability: &Stability, required: f64) -> Self {
         let all = AXIS_NAMES.iter().zip(&stability.axes);
         let least = all.map(|(name, axis)| (*name, axis.factor()));
@@ -315,11 +315,11 @@ impl Requirement {
     pub fn judge(&self, stability: &Stability) -> Vec<Judgement> {
         let conditions = conditions(stability);
         let is_void = !conditions.is_empty();
-        let factor = self.factor.map(|least| Judged::factor(stability, least));
+        let factor = self.factor.map(|least| BoundJudgement::factor(stability, least));
         let errors = [Bound::Bias, Bound::Scale, Bound::Level, Bound::Rate].into_iter().filter_map(|bound| {
             let most = self.most(bound)?;
             let (name, error) = bound.error(stability);
-            let mut judged = Judged::error(bound, name, error, most);
+            let mut judged = BoundJudgement::error(bound, name, error, most);
             // One attitude drives half of the channels.
             let undriven = stability.covered.undriven();
             if matches!(bound, Bound::Scale) && judged.remedy.is_none() && !undriven.is_empty() {

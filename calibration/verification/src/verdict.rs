@@ -31,7 +31,7 @@
 use crate::window::{MIN_WINDOWS, Window};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{CONFIDENCE, largest, student_quantile, student_quantile_of};
+use isotherm_statistics::{CONFIDENCE, largest, mean, student_quantile, student_quantile_of};
 use serde::Serialize;
 
 /// Fewest windows of a group, if there are as many.
@@ -191,11 +191,6 @@ impl Verdict {
 /// Windows in a group, of `count` windows.
 pub(crate) fn group_size(count: usize) -> usize {
     count.div_ceil(MAX_GROUPS).max(MIN_GROUP).min(count / 3).max(1)
-}
-
-/// The mean; not a number for none.
-pub(crate) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// The means of groups of neighbours; the last group takes what is left over.

@@ -102,7 +102,7 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
     if let Some(curves) = campaign.curves.as_ref().filter(|_| campaign.has_ramps_alone()) {
         return Ok(format!("campaign of {imus}{ramps} alone, curves of {curves}"));
     }
-    if campaign.gravity_only {
+    if campaign.is_tumble {
         let recordings = match campaign.samples.len() {
             1 => "1 recording".to_owned(),
             recordings => format!("{recordings} recordings"),

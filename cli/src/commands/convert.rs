@@ -4,7 +4,7 @@ use super::common::{AcceptanceArgs, ForeignArgs};
 use super::part::PartArgs;
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
+use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
 use isotherm_client::ImuId;
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap, source, sources};
 use isotherm_pipeline::{INSTANCE, Vehicle, VehicleImu};
@@ -235,7 +235,7 @@ impl Convert {
                 }
                 return Ok(false);
             }
-            if begin.len() < LENGTH_ROWS {
+            if begin.len() < MAGNITUDE_ROWS {
                 begin.push(sample);
             }
             if let Err(error) = file.write(&sample) {
@@ -254,7 +254,7 @@ impl Convert {
         let table = table.or(nominal.as_ref().map(|(_, table)| table));
         let in_order = foreign.settings.in_order.then(|| "--in-order has no effect: there is one file".to_owned());
         let notes = rows.notes().into_iter().chain(in_order).collect();
-        self.finish(vec![file], notes, conversion.findings(), length_at_rest_of(table, &begin)).map(|()| true)
+        self.finish(vec![file], notes, conversion.findings(), magnitude_at_rest_of(table, &begin)).map(|()| true)
     }
 
     /// Converts several inputs: pieces of a recording into one file, or into a file each.
@@ -301,7 +301,7 @@ impl Convert {
                     return Err(needs_session(path));
                 }
                 last = sample.session;
-                if begin.len() < LENGTH_ROWS {
+                if begin.len() < MAGNITUDE_ROWS {
                     begin.push(sample);
                 }
                 if let Some(file) = written.last_mut()
@@ -326,7 +326,7 @@ impl Convert {
                 *nominal = Some(self.nominal(&name, rows.scale()?, nominal.as_ref())?);
             }
             let table = table.or(nominal.as_ref().map(|(_, table)| table));
-            self.finish(written, rows.notes(), rows.findings(), length_at_rest_of(table, &begin))?;
+            self.finish(written, rows.notes(), rows.findings(), magnitude_at_rest_of(table, &begin))?;
         }
         progress.finish();
         Ok(())
@@ -362,8 +362,8 @@ fn needs_session(path: &Path) -> Failure {
 }
 
 /// The specific force at rest in the first rows, if it is far from gravity.
-fn length_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> Option<Finding> {
-    table.and_then(|table| length_at_rest(table, begin)).map(Finding::warned)
+fn magnitude_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -> Option<Finding> {
+    table.and_then(|table| magnitude_at_rest(table, begin)).map(Finding::warned)
 }
 
 /// A file that is being written.

@@ -5,7 +5,7 @@ use super::common::{
 };
 use super::part::PartArgs;
 use clap::Args;
-use isotherm_campaign::{LENGTH_ROWS, length_at_rest};
+use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
 use isotherm_client::{Flags, ImuId};
 use isotherm_files::{Output, check_written, refuse_overlap, sources};
 use isotherm_pipeline::no_bar;
@@ -97,7 +97,7 @@ impl Replay {
             let sample = sample?;
             warning.check(&sample);
             continuity.add_recorded(&sample, samples.recorded_ns());
-            if begin.len() < LENGTH_ROWS {
+            if begin.len() < MAGNITUDE_ROWS {
                 begin.push(sample);
             }
             let increment = answer(Some(&table), &sample);
@@ -112,7 +112,7 @@ impl Replay {
         let other = (others > 0).then(|| other_device(&table, others));
         // Before the file is put in place: what is refused leaves none. Without --strict nothing is.
         let of_rows = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table));
-        let of_rows = of_rows.chain(length_at_rest(&table, &begin));
+        let of_rows = of_rows.chain(magnitude_at_rest(&table, &begin));
         let found = of_rows.map(Finding::warned).chain(other).collect();
         let recording = samples.recording();
         let of_data = OfData::of(recording).with_unit(&origin, recording).with_other_device();

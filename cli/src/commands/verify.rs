@@ -8,11 +8,11 @@ use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
 use crate::progress::bytes_bar;
 use clap::Args;
-use isotherm_campaign::{STANDSTILL_WINDOW_S, faults, length_at_rest};
+use isotherm_campaign::{STATIC_POSE_WINDOW_S, faults, magnitude_at_rest};
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, check_stdout, check_written, print, refuse_overlap};
-use isotherm_fit::{Origin, now, tool};
-use isotherm_pipeline::{CampaignFile, JobFailure, VerificationRun};
+use isotherm_fit::{Origin, tool};
+use isotherm_pipeline::{CampaignFile, JobFailure, VerificationRun, now};
 use isotherm_recording::other_device;
 use isotherm_recording_formats::read::Input;
 use isotherm_report as report;
@@ -22,7 +22,7 @@ use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{
-    Attitude, Lengths, LengthsError, LocalGravity, Requirement, Setup, Stability, own_recording,
+    Attitude, LocalGravity, Magnitudes, MagnitudesError, Requirement, Setup, Stability, own_recording,
 };
 use std::path::PathBuf;
 use std::time::Duration;
@@ -159,7 +159,7 @@ impl Verify {
         rows: &[RawSample],
         whole: bool,
         recording: &str,
-    ) -> Result<Option<Lengths>, Failure> {
+    ) -> Result<Option<Magnitudes>, Failure> {
         if self.standstills && !whole {
             let message = format!("{recording}: over {MOST_ROWS} rows; give the part with the standstills");
             return Err(Failure::new(Exit::Data, message));
@@ -173,10 +173,12 @@ impl Verify {
         }
         let window_s = self.window.map(|window| window.as_secs_f64());
         let gravity = LocalGravity::of(self.gravity_local, table);
-        let lengths = Lengths::of(table, rows, window_s, gravity, self.other_device);
+        let lengths = Magnitudes::of(table, rows, window_s, gravity, self.other_device);
         match lengths {
             Ok(lengths) => Ok(Some(lengths).filter(|lengths| self.standstills || lengths.several_attitudes())),
-            Err(error @ LengthsError::OtherDevice(_)) => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
+            Err(error @ MagnitudesError::OtherDevice(_)) => {
+                Err(Failure::new(Exit::Data, format!("{recording}: {error}")))
+            }
             Err(error) if self.standstills => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
             Err(_) => Ok(None),
         }
@@ -185,27 +187,27 @@ impl Verify {
     fn show_lengths(
         &self,
         table: &CoefficientTable,
-        lengths: &Lengths,
+        lengths: &Magnitudes,
         recording: String,
         page: Option<StagedText>,
         require: Option<Requirement>,
     ) -> Result<(), JobFailure> {
-        let window_s = self.window.map_or(STANDSTILL_WINDOW_S, |window| window.as_secs_f64());
+        let window_s = self.window.map_or(STATIC_POSE_WINDOW_S, |window| window.as_secs_f64());
         let other = (lengths.other_device > 0).then(|| other_device(table, lengths.other_device as u64));
         self.acceptance.admit(&recording, other.into_iter().collect())?;
         if let Some(page) = page {
             let source = self.source(recording.clone(), window_s, require);
-            page.write(&report::lengths::html(table, lengths, &source))?.finish()?;
+            page.write(&report::magnitudes::html(table, lengths, &source))?.finish()?;
         }
         if !self.json.is_given() {
-            print(&report::lengths::text(lengths))?;
+            print(&report::magnitudes::text(lengths))?;
             if let Some(require) = require {
                 print(&report::text::judgements(&lengths.judge(&require)))?;
             }
         }
         let verdict = require.map_or(Ok(()), |require| lengths.check(&require));
         let verdict = verdict.map_err(|message| Failure::new(Exit::Failed, format!("{recording}: {message}")));
-        self.json.finish(report::lengths::json(lengths, window_s, require), verdict)
+        self.json.finish(report::magnitudes::json(lengths, window_s, require), verdict)
     }
 
     fn source(&self, recording: String, window_s: f64, required: Option<Requirement>) -> VerificationSource {
@@ -270,9 +272,10 @@ impl Verify {
         let of_data = if self.other_device { of_data.with_other_device() } else { of_data };
         let made_the_table = run.made(&origin);
         if let Some(lengths) = self.lengths(&table, &rows, keep, &recording)? {
-            let lengths = Lengths { made_the_table, ..lengths };
-            let at_rest: Vec<_> = lengths.standstills.iter().map(|it| it.reading.rows.clone()).collect();
-            let of_rows = length_at_rest(&table, &rows).into_iter().chain(faults(&rows, &at_rest)).map(Finding::warned);
+            let lengths = Magnitudes { made_the_table, ..lengths };
+            let at_rest: Vec<_> = lengths.poses.iter().map(|it| it.reading.rows.clone()).collect();
+            let of_rows =
+                magnitude_at_rest(&table, &rows).into_iter().chain(faults(&rows, &at_rest)).map(Finding::warned);
             let found = own_recording(made_the_table).into_iter().chain(of_rows).chain(of_time).collect();
             of_data.admit(&self.acceptance, &recording, found)?;
             return self.show_lengths(&table, &lengths, recording, page, require);

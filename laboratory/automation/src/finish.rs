@@ -12,7 +12,7 @@ use super::step::CampaignStep;
 use fitted_table::{FittedTable, print_message};
 use isotherm_client::Options;
 use isotherm_files::StagedText;
-use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, Fitted, LagChoice};
+use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CalibrationOutcome, LagChoice};
 use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, no_bar};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
@@ -221,7 +221,7 @@ impl Finish {
         let texts = vec![write(TABLE, "toml", &made.table)?, write("calibration", "html", &made.html(&campaign))?];
         StagedText::finish_together(texts)?;
         match made.fitted {
-            Fitted::Campaign(calibration) => Ok((*calibration, made.table)),
+            CalibrationOutcome::Campaign(calibration) => Ok((*calibration, made.table)),
             _ => Err(Failure::new(Exit::Failed, "an automatic campaign has positions")),
         }
     }

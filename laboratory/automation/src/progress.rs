@@ -192,7 +192,7 @@ impl Progress {
     /// Prints an event above the bars, or into the log.
     pub fn event(&self, text: &str) {
         match &self.bars {
-            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_fit::now(), printable(text))),
+            Some([bar, ..]) => bar.println(format!("{}  {}", isotherm_pipeline::now(), printable(text))),
             None => tracing::info!("{text}"),
         }
     }

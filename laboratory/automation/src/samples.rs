@@ -27,7 +27,7 @@ use super::plan::{MAX_ROW_DEG, Plan};
 use super::step::CampaignStep;
 use clock::ClockOffset;
 use isotherm_campaign::implausible;
-use isotherm_fit::{Hashed, implausible as gyroscopes_implausible};
+use isotherm_fit::{HashingStream, implausible as gyroscopes_implausible};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{RawSample, StreamSample, device};
 use isotherm_support::failure::{Exit, Failure};
@@ -71,7 +71,7 @@ pub struct SampleRecorder<'p> {
 }
 
 /// The file of a unit, buffered, with the hash of what is written.
-type Sink = Hashed<BufWriter<File>>;
+type Sink = HashingStream<BufWriter<File>>;
 
 /// The unit in progress.
 struct OpenStep {
@@ -328,7 +328,7 @@ impl<'p> SampleRecorder<'p> {
         file.set_len(kept)?;
         let layout = if kept == 0 { self.layout() } else { layout_of(&file)? };
         file.seek(SeekFrom::Start(kept))?;
-        let sink = Hashed::new(BufWriter::new(file));
+        let sink = HashingStream::new(BufWriter::new(file));
         let leading = if unit.has_own_file() { "session" } else { "set_point_c,position,session" };
         if kept == 0 {
             RawCsvWriter::with_layout(sink, leading, true, layout)

@@ -20,6 +20,7 @@
 
 use super::stretch::MOST_MISSING;
 use isotherm_simulation::RandomGenerator;
+use isotherm_statistics::mean;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::HashMap;
 
@@ -115,7 +116,6 @@ fn factor(places: &[usize], covariances: &[f64]) -> Option<Cholesky<f64, Dyn>> {
 /// mean squared distance. That of any places in a window has a factor.
 fn covariances(rates: &[f64], about_level: f64) -> Vec<f64> {
     let variogram = variogram(rates);
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
     let [middle, last] = [1, 3].map(|quarter| mean(&variogram[WINDOW * quarter / 4..WINDOW * (quarter + 1) / 4]));
     // What still rises within a window has more variance than the window shows.
     let variance = about_level.max(last + (last - middle).max(0.0));

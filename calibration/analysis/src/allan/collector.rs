@@ -1,14 +1,14 @@
 //! The rows whose noise is wanted, as they are read.
 
 use super::curve::MIN_ROWS;
-use super::outputs::{Analysed, Outputs};
+use super::outputs::{AnalysisSpan, Outputs};
 use super::rate::RateKind;
 use super::recording::{NoiseAnalysis, NoiseError, repeated};
 use super::rest::{PIECE_ROWS, Rest};
 use super::rows::Rows;
 use super::stretch::{Stretch, stretches};
 use core::ops::Range;
-use isotherm_campaign::{Begins, LENGTH_ROWS, length_at_rest, rate_at_rest};
+use isotherm_campaign::{Begins, MAGNITUDE_ROWS, magnitude_at_rest, rate_at_rest};
 use isotherm_recording::{Continuity, MISSING};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
@@ -167,12 +167,12 @@ impl<'a> NoiseRows<'a> {
         let is_bridged = self.continuity.losses().missing == (bridged.rows - bridged.not_a_number) as u64;
         found.extend(of_time.filter(|it| it.name != name::MISSING_ROWS || !is_bridged));
         found.extend(self.table.and_then(|table| self.continuity.not_nominal(table)));
-        let begin: Vec<_> = rows.iter().take(LENGTH_ROWS).collect();
-        found.extend(self.table.and_then(|table| length_at_rest(table, &begin)));
+        let begin: Vec<_> = rows.iter().take(MAGNITUDE_ROWS).collect();
+        found.extend(self.table.and_then(|table| magnitude_at_rest(table, &begin)));
         // Every sensor says itself that its counts never change.
         found.extend(rest.faults.into_iter().filter(|it| it.name != name::NO_PULSES).map(Finding::warned));
         let used_s = [rows.span_s(ends[0])[0], rows.span_s(ends[1])[1]];
-        let analysed = Analysed { stretch, interval_s, begin_s: used_s[0] };
+        let analysed = AnalysisSpan { stretch, interval_s, begin_s: used_s[0] };
         let sensors = outputs.noise(self.rows, &analysed);
         found.extend(sensors.chunks(AXES).filter_map(|triad| repeated(triad, interval_s)));
         if let [.., a, b, c] = &sensors[..]
@@ -198,7 +198,7 @@ impl<'a> NoiseRows<'a> {
     }
 }
 
-/// The longest stretch, the first of two, and how many rows those of its standstill have that are of its session and
+/// The longest stretch, the first of two, and how many rows those of its static pose have that are of its session and
 /// interval. The outputs of some rows are no numbers.
 fn longest(at_rest: &[Range<usize>], rows: &Rows, not_finite: &[usize]) -> Longest {
     let mut best = (Stretch::default(), 0);

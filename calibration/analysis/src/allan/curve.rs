@@ -5,7 +5,7 @@ use crate::allan::filter::filtered;
 use crate::allan::model::ModelFit;
 use crate::allan::moments::Moments;
 use crate::allan::step::{Step, take_out};
-use isotherm_statistics::CONFIDENCE;
+use isotherm_statistics::{CONFIDENCE, mean};
 use statrs::distribution::{ChiSquared, ContinuousCDF as _};
 /// Fewest rates that are analysed.
 pub const MIN_ROWS: usize = 1000;
@@ -154,7 +154,6 @@ impl TemperatureLine {
 
     /// The same of rates without steps, of which the line is taken off.
     pub(super) fn taken_off(rates: &mut [f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let (rate, middle) = (mean(rates), mean(telemetry));
         let (mut squares, mut products) = (0.0, 0.0);
         for (r, u) in rates.iter().zip(telemetry) {

@@ -17,7 +17,7 @@ const QUANTILE: f64 = 1.96;
 
 /// What is left for a model where rows correlate.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Filtered {
+pub(super) struct FilterFit {
     /// The excess over its error.
     pub errors: f64,
     /// The model of the longer tau, from the first octave at which one holds; `None` if none does.
@@ -25,7 +25,12 @@ pub(super) struct Filtered {
 }
 
 /// Whether the rates correlate beyond the model, which is fitted to `octaves` by averaging factor.
-pub(super) fn filtered(rates: &[f64], octaves: &[(usize, f64)], model: &ModelFit, interval_s: f64) -> Option<Filtered> {
+pub(super) fn filtered(
+    rates: &[f64],
+    octaves: &[(usize, f64)],
+    model: &ModelFit,
+    interval_s: f64,
+) -> Option<FilterFit> {
     let holding = |from: usize| ModelFit::of(&octaves[from..], rates.len(), interval_s).filter(ModelFit::holds);
     let (mean, error) = excess(rates);
     if mean <= ERRORS * error {
@@ -38,7 +43,7 @@ pub(super) fn filtered(rates: &[f64], octaves: &[(usize, f64)], model: &ModelFit
     let expected = judge.map_or(0.0, |model| model.of_means(1, 1) - model.of_means(1, 2));
     let of_model = judge.map_or(0.0, |judge| error_of_model(judge, interval_s, model.holds()));
     let errors = (mean - expected) / error.hypot(of_model);
-    (errors > ERRORS).then_some(Filtered { errors, model: longer })
+    (errors > ERRORS).then_some(FilterFit { errors, model: longer })
 }
 
 /// The standard error of c1 - c2 of the model, with its quantisation or without.

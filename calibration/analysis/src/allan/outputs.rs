@@ -29,7 +29,7 @@ struct OfCounts {
 }
 
 /// The rows that are analysed.
-pub(super) struct Analysed {
+pub(super) struct AnalysisSpan {
     pub stretch: Stretch,
     pub interval_s: f64,
     /// Begin of the first of them since that of the recording \[s\].
@@ -78,7 +78,7 @@ impl<'a> Outputs<'a> {
     }
 
     /// The noise of each sensor. The rows become fewer with each: they take most of the memory.
-    pub(super) fn noise(&self, mut rows: Rows, analysed: &Analysed) -> Vec<SensorNoise> {
+    pub(super) fn noise(&self, mut rows: Rows, analysed: &AnalysisSpan) -> Vec<SensorNoise> {
         let count = rows.len();
         rows.pulses.resize_with(self.count(), || vec![0; count]);
         let of_counts: Vec<_> = rows.pulses.iter().map(|pulses| OfCounts::of(pulses, &analysed.stretch)).collect();
@@ -101,7 +101,7 @@ impl<'a> Outputs<'a> {
     }
 
     /// The noise of a sensor, with random numbers of its own where rows are missing.
-    fn noise_of(&self, sensor: usize, rows: &mut Rows, analysed: &Analysed, of_counts: OfCounts) -> SensorNoise {
+    fn noise_of(&self, sensor: usize, rows: &mut Rows, analysed: &AnalysisSpan, of_counts: OfCounts) -> SensorNoise {
         let (interval_s, axis) = (analysed.interval_s, sensor % AXES);
         let (kind, rate) = match (sensor / AXES, self.table) {
             (0, None) => (SensorKind::Accelerometer, RateKind::Counts),

@@ -6,9 +6,9 @@
 
 use super::curve::{Allan, MIN_ROWS};
 use super::sensor::{SensorNoise, above};
-use super::stretch::{Bridged, MOST_BRIDGED, MOST_MISSING};
+use super::stretch::{BridgedRows, MOST_BRIDGED, MOST_MISSING};
 use core::ops::Range;
-use isotherm_campaign::StandstillError;
+use isotherm_campaign::StaticPoseError;
 use isotherm_recording::Losses;
 use isotherm_support::finding::{Finding, name};
 
@@ -41,7 +41,7 @@ pub struct NoiseAnalysis {
     /// The rows that are analysed: the first, the last and those between.
     pub used: Range<usize>,
     /// The rows that are missing between them, and are bridged.
-    pub bridged: Bridged,
+    pub bridged: BridgedRows,
     /// Rows at rest of the same session and interval, from which gaps that are too long to be bridged split others off.
     pub at_rest: usize,
     /// Begin of the first and end of the last of them, since the begin of the recording \[s\].
@@ -71,7 +71,7 @@ pub enum NoiseError {
     },
     /// The IMU was not at rest.
     #[error(transparent)]
-    Standstill(#[from] StandstillError),
+    StaticPose(#[from] StaticPoseError),
     /// Too few rows.
     #[error(
         "the longest stretch without a gap, a movement, a new session or an output that is not a number has {} rows, {} to {}; at least {MIN_ROWS} \

@@ -7,14 +7,14 @@
 
 use super::rows::{Cursor, Rows};
 use core::ops::Range;
-use isotherm_campaign::{STANDSTILL_WINDOW_S, StandstillError, faults, find_standstills};
+use isotherm_campaign::{STATIC_POSE_WINDOW_S, StaticPoseError, faults, find_static_poses};
 use isotherm_shared::wire::RawSample;
 use isotherm_statistics::median;
 use isotherm_support::finding::Finding;
 
 /// Most rows of a piece.
 pub(super) const PIECE_ROWS: usize = 1 << 19;
-/// Least rows of a window in which movement is looked for: with fewer, chance ends a long standstill.
+/// Least rows of a window in which movement is looked for: with fewer, chance ends a long static pose.
 const LEAST_WINDOW_ROWS: f64 = 10.0;
 /// How far the level of a piece may lie over the usual one of all pieces, and below it (ln of variance).
 const ABOVE: f64 = core::f64::consts::LN_2;
@@ -44,7 +44,7 @@ impl Rest {
         rows: &Rows,
         most_rows: usize,
         mut take: impl FnMut(usize, &RawSample),
-    ) -> Result<Self, StandstillError> {
+    ) -> Result<Self, StaticPoseError> {
         let count = rows.len().div_ceil(most_rows).max(1);
         let (mut cursor, mut pieces, mut failed) = (Cursor::default(), Vec::new(), None);
         let mut found: Vec<Finding> = Vec::new();
@@ -56,14 +56,14 @@ impl Rest {
                 take(row, &sample);
                 samples.push(sample);
             }
-            let standstills = match find_standstills(&samples, window_s(&samples)) {
-                Ok(standstills) => standstills,
+            let poses = match find_static_poses(&samples, window_s(&samples)) {
+                Ok(poses) => poses,
                 Err(error) => {
                     failed.get_or_insert(error);
                     continue;
                 }
             };
-            let local: Vec<_> = standstills.found.iter().map(|rest| rest.rows.clone()).collect();
+            let local: Vec<_> = poses.found.iter().map(|rest| rest.rows.clone()).collect();
             found.extend(
                 faults(&samples, &local)
                     .into_iter()
@@ -71,8 +71,7 @@ impl Rest {
                     .collect::<Vec<_>>(),
             );
             let at_rest = local.into_iter().map(|rest| range.start + rest.start..range.start + rest.end).collect();
-            let level =
-                standstills.noise.iter().map(|noise| 2.0 * noise.ln()).sum::<f64>() / standstills.noise.len() as f64;
+            let level = poses.noise.iter().map(|noise| 2.0 * noise.ln()).sum::<f64>() / poses.noise.len() as f64;
             pieces.push(Piece { rows: range, at_rest, level });
         }
         match failed {
@@ -107,5 +106,5 @@ fn joined(pieces: Vec<Piece>) -> Vec<Range<usize>> {
 /// The windows in which movement is looked for \[s\], where the usual ones have too few rows.
 fn window_s(rows: &[RawSample]) -> Option<f64> {
     let least_s = LEAST_WINDOW_ROWS * median(rows.iter().map(|row| row.interval_ns as f64)) / 1e9;
-    (least_s > STANDSTILL_WINDOW_S).then_some(least_s)
+    (least_s > STATIC_POSE_WINDOW_S).then_some(least_s)
 }

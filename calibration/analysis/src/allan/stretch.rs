@@ -24,7 +24,7 @@ pub(super) const MOST_BRIDGED: f64 = 0.02;
 /// Each missing row is given a value with the covariance of the rows around it: what is expected from them, and a
 /// random number with the scatter that is left. The same rows give the same values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Bridged {
+pub struct BridgedRows {
     /// Rows that are missing, or have no output that is a number.
     pub rows: usize,
     /// Gaps that they make.
@@ -35,7 +35,7 @@ pub struct Bridged {
     pub of: usize,
 }
 
-impl Bridged {
+impl BridgedRows {
     /// The part of the rows that are bridged.
     #[must_use]
     pub fn share(&self) -> f64 {
@@ -109,10 +109,10 @@ impl Stretch {
     }
 
     /// What is bridged in it.
-    pub(super) fn bridged(&self) -> Bridged {
+    pub(super) fn bridged(&self) -> BridgedRows {
         let rows = self.runs.iter().map(|run| run.missing).sum();
         let gaps = self.runs.iter().filter(|run| run.missing > 0).count();
-        Bridged { rows, gaps, not_a_number: self.rows().len() - self.kept, of: self.kept + rows }
+        BridgedRows { rows, gaps, not_a_number: self.rows().len() - self.kept, of: self.kept + rows }
     }
 }
 

@@ -9,6 +9,7 @@ use crate::checks::SetPoint;
 use crate::reduce::reduce;
 use isotherm_campaign::{Campaign, Dwell};
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::rms;
 use isotherm_support::finding::name;
 
 /// Misalignments of the three accelerometers, onto the next axis and the one after \[rad\].
@@ -84,10 +85,6 @@ fn symmetric(m: &Misalignments) -> Misalignments {
         let other = (axis + 1 + onto) % AXES;
         0.5 * (m[k] + m[2 * other + 1 - onto])
     })
-}
-
-fn rms(m: &Misalignments) -> f64 {
-    (m.iter().map(|value| value * value).sum::<f64>() / m.len() as f64).sqrt()
 }
 
 #[cfg(test)]

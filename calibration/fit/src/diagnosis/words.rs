@@ -1,6 +1,8 @@
 //! What is said about a hypothesis that holds: the mistake and its remedy.
 
-use super::{EXPLAINS, Hypothesis, PositionMistake, Trials};
+use super::explanation::EXPLAINS;
+use super::hypothesis::{Hypothesis, PositionMistake};
+use super::reduction::Trials;
 use isotherm_campaign::{Position, SAME_DIRECTION, specific_force};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;

@@ -1,7 +1,7 @@
 //! The runs of the gyroscopes with their set points.
 
 use super::earth;
-use super::fit::{Run, RunTurn};
+use super::input::{GyroscopeRun, TurnMotion};
 use super::runs::{FittedRun, GyroscopeRuns, Place, TurnRun};
 use crate::error::CalibrationError;
 use crate::result::Calibration;
@@ -65,7 +65,7 @@ impl<'a> Data<'a> {
     }
 
     /// The runs for the fit: the dwells, then the turns; with the place of each.
-    pub(super) fn runs(&self) -> (Vec<Run<'a>>, Vec<FittedRun>) {
+    pub(super) fn runs(&self) -> (Vec<GyroscopeRun<'a>>, Vec<FittedRun>) {
         let dwells = self.dwells.iter().map(|(set_point, dwell)| {
             let start = &self.campaign.positions[dwell.position];
             (self.run(*set_point, dwell, start, None), placed(*set_point, dwell, Place::Position(dwell.position)))
@@ -79,9 +79,9 @@ impl<'a> Data<'a> {
     }
 
     /// A dwell, or the run of a `turn`, that began at `start`.
-    fn run(&self, set_point: usize, run: &Dwell, start: &Position, turn: Option<&'a TurnRun>) -> Run<'a> {
+    fn run(&self, set_point: usize, run: &Dwell, start: &Position, turn: Option<&'a TurnRun>) -> GyroscopeRun<'a> {
         let earth::Start { force, earth, by_horizontal } = earth::Start::of(self.campaign, start, self.tilt);
-        Run {
+        GyroscopeRun {
             set_point,
             seconds: run.sums.seconds,
             pulses: [0, 1, 2].map(|axis| [run.sums.positive[axis], run.sums.negative[axis]]),
@@ -92,7 +92,7 @@ impl<'a> Data<'a> {
             by_horizontal,
             horizontal: Vec::new(),
             group: None,
-            turn: turn.map(|turn| RunTurn {
+            turn: turn.map(|turn| TurnMotion {
                 axis: Vector3::from(self.campaign.turns[run.position].axis),
                 angle: self.campaign.turns[run.position].angle_deg * 3600.0,
                 hand: self.campaign.mount.map_or(1.0, |mount| mount.determinant().signum()),

@@ -1,7 +1,9 @@
 //! Earth's rate: where it is known, how it is checked, and what becomes of it at a station without angles.
 
-use super::fit::{RateInput, Run, TriadSolution, effects};
+use super::fit::{RateInput, effects};
+use super::input::GyroscopeRun;
 use super::runs::{FittedRun, Place};
+use super::solution::TriadSolution;
 use isotherm_campaign::{Campaign, EARTH_RATE, Position, SAME_DIRECTION, horizontal_rate, vertical_rate};
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, Severity, name};
@@ -123,7 +125,7 @@ impl LeftOver {
     /// `None` if everything cancels.
     pub(super) fn of(
         campaign: &Campaign,
-        runs: &[Run<'_>],
+        runs: &[GyroscopeRun<'_>],
         places: &[FittedRun],
         set_points: usize,
         solution: &TriadSolution,
@@ -159,7 +161,7 @@ impl LeftOver {
 
     /// The runs that see the unknown rate, by position or turn (then true). In each the heading is the same at every
     /// set point, but nobody knows it: two directions a place.
-    fn sources(runs: &[Run<'_>], places: &[FittedRun]) -> BTreeMap<(bool, usize), [RateInput; 2]> {
+    fn sources(runs: &[GyroscopeRun<'_>], places: &[FittedRun]) -> BTreeMap<(bool, usize), [RateInput; 2]> {
         let mut sources: BTreeMap<(bool, usize), [RateInput; 2]> = BTreeMap::new();
         for (index, (run, place)) in runs.iter().zip(places).enumerate() {
             let directions = match (run.turn, run.group) {
@@ -217,7 +219,7 @@ fn level_direction(axis: Vector3<f64>, up: Vector3<f64>) -> Option<Vector3<f64>>
 ///   whatever Earth's horizontal rate is in each, the sum is 0.
 /// - Turns of a set point about the same axis, up or down, from the same specific force begin at the same heading. What
 ///   is across the axis is the same in all of them. What is along the axis, if it is not vertical, is left out.
-pub(super) fn eliminate_horizontal(runs: &mut [Run<'_>], places: &[FittedRun]) {
+pub(super) fn eliminate_horizontal(runs: &mut [GyroscopeRun<'_>], places: &[FittedRun]) {
     let (mut group, mut next) = (0, 0);
     let set_points = places.iter().map(|place| place.set_point + 1).max().unwrap_or(0);
     for set_point in 0..set_points {
@@ -242,7 +244,7 @@ pub(super) fn eliminate_horizontal(runs: &mut [Run<'_>], places: &[FittedRun]) {
 }
 
 /// Whether two runs have the same specific force, and turns the same axis, up or down.
-fn alike(first: &Run<'_>, other: &Run<'_>) -> bool {
+fn alike(first: &GyroscopeRun<'_>, other: &GyroscopeRun<'_>) -> bool {
     let same = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).amax() < SAME_DIRECTION;
     let axes = match (first.turn, other.turn) {
         (Some(first), Some(other)) => same(&first.axis, &other.axis) || same(&first.axis, &-other.axis),
@@ -254,7 +256,7 @@ fn alike(first: &Run<'_>, other: &Run<'_>) -> bool {
 
 /// Gives alike turns the unknowns from `next` on, and returns their number.
 fn of_turns(
-    runs: &mut [Run<'_>],
+    runs: &mut [GyroscopeRun<'_>],
     members: &[usize],
     axis: Vector3<f64>,
     force: Vector3<f64>,
@@ -273,7 +275,7 @@ fn of_turns(
 /// Gives runs in alike positions the unknowns from `next` on, and returns their number: two for each position but the
 /// last, which has the opposite of their sum. `None` if the number of positions is odd.
 fn of_positions(
-    runs: &mut [Run<'_>],
+    runs: &mut [GyroscopeRun<'_>],
     members: &[usize],
     places: &[FittedRun],
     force: Vector3<f64>,

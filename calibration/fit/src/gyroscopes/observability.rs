@@ -6,7 +6,9 @@
 //! counted where it only helps.
 
 use super::earth::{Start, eliminate_horizontal};
-use super::fit::{PARAMETERS, Run, RunTurn, design};
+use super::fit::design;
+use super::input::{GyroscopeRun, TurnMotion};
+use super::model::PARAMETERS;
 use super::runs::{FittedRun, Place, TurnBlock};
 use isotherm_campaign::{
     Campaign, LEAST_TURN, MAX_CONDITION, Position, Turn, outer_axis, specific_force, vector_words,
@@ -130,7 +132,7 @@ fn matrix(campaign: &Campaign) -> DMatrix<f64> {
             })
         });
         places.push(FittedRun { set_point: 0, place, lines: [0; 2], start_ns: None, seconds, residual: [0.0; AXES] });
-        runs.push(Run {
+        runs.push(GyroscopeRun {
             set_point: 0,
             seconds,
             pulses,
@@ -142,7 +144,7 @@ fn matrix(campaign: &Campaign) -> DMatrix<f64> {
             by_horizontal,
             horizontal: Vec::new(),
             group: None,
-            turn: turn.map(|(turn, blocks)| RunTurn {
+            turn: turn.map(|(turn, blocks)| TurnMotion {
                 axis: Vector3::from(turn.axis),
                 angle: turn.angle_deg * 3600.0,
                 hand: 1.0,

@@ -1,18 +1,15 @@
 //! What the calibration of the gyroscopes found.
 
 use super::earth::{EarthCheck, LeftOver};
-use super::fit::{ReducedSetPoint, TriadSolution};
 use super::observability::TriadObservability;
 use super::runs::{FittedRun, Place};
+use super::set_points::SetPointReduction;
+use super::solution::{GyroscopeSolution, TriadSolution};
+use crate::alignment::{NEEDED_CONFIDENCE, is_significant, matrix_of};
 use isotherm_shared::table::{CoefficientTable, Turntable};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{OrderTable, largest, student_quantile};
 use nalgebra::Matrix3;
-
-/// A smaller misalignment does not matter \[rad\].
-const SMALL_MISALIGNMENT: f64 = 1e-6;
-/// Confidence at which a misalignment must differ from 0.
-const NEEDED_CONFIDENCE: f64 = 0.99;
 
 /// What the calibration of the gyroscopes found.
 #[derive(Clone, Debug)]
@@ -22,7 +19,7 @@ pub struct GyroscopeCalibration {
     /// What positions and turns determine.
     pub observability: TriadObservability,
     /// Each set point reduced by itself.
-    pub reduced: Vec<ReducedSetPoint>,
+    pub reduced: Vec<SetPointReduction>,
     /// The order tables, by gyroscope and quantity, with leave-one-set-point-out errors.
     pub orders: [[OrderTable; 3]; AXES],
     /// The estimate that the table is made of.
@@ -95,21 +92,12 @@ impl GyroscopeCalibration {
 
 /// See [`GyroscopeCalibration::misalignment`].
 pub(super) fn misalignment(solution: &TriadSolution) -> Matrix3<f64> {
-    let mut matrix = Matrix3::identity();
-    for (axis, part) in solution.gyroscopes.iter().enumerate() {
-        for (k, m) in part.misalignment.into_iter().enumerate() {
-            matrix[(axis, (axis + 1 + k) % AXES)] = m;
-        }
-    }
-    matrix
+    matrix_of(solution.gyroscopes.each_ref().map(|gyroscope| gyroscope.misalignment))
 }
 
 /// Whether a misalignment of a gyroscope exceeds its 99 % interval and 1e-6 rad.
 #[must_use]
 pub fn is_alignment_needed(solution: &TriadSolution) -> bool {
-    solution.gyroscopes.iter().any(|gyroscope| {
-        let intervals = gyroscope.misalignment_interval(NEEDED_CONFIDENCE).unwrap_or([f64::INFINITY; 2]);
-        let pairs = gyroscope.misalignment.iter().zip(intervals);
-        pairs.into_iter().any(|(m, interval)| m.abs() > interval.max(SMALL_MISALIGNMENT))
-    })
+    let interval = |gyroscope: &GyroscopeSolution| gyroscope.misalignment_interval(NEEDED_CONFIDENCE);
+    solution.gyroscopes.iter().any(|gyroscope| is_significant(gyroscope.misalignment, interval(gyroscope)))
 }

@@ -1,8 +1,7 @@
 //! Where a table comes from.
 
+use super::document::view;
 use isotherm_recording::{LogImu, Marks};
-use serde::Serialize;
-use std::time::SystemTime;
 
 /// Facts about the source that only the caller knows.
 #[derive(Clone, Debug, Default)]
@@ -17,7 +16,7 @@ pub struct CampaignSource {
     pub campaign_sha256: String,
     /// SHA-256 of the samples of positions, in hexadecimal; empty without positions.
     pub samples_sha256: String,
-    /// SHA-256 of each recording of ramps, or of an IMU that was put down by hand, in hexadecimal, in their order.
+    /// SHA-256 of each recording of ramps, or of a tumble, in hexadecimal, in their order.
     pub recordings_sha256: Vec<String>,
     /// The marks of all recordings, in their order, as far as they have any.
     pub rows: Vec<Marks>,
@@ -27,37 +26,24 @@ pub struct CampaignSource {
     pub log_imu: Option<LogImu>,
 }
 
+view! {
 /// What a provenance says of what was read of the recordings.
-#[derive(Serialize)]
-pub(crate) struct ReadRecord<'a> {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    part: Option<&'a str>,
+pub(super) ReadRecord<'a>(source: &'a CampaignSource) {
+    /// Hashes of some of the rows, see [`Marks`](isotherm_recording::Marks).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    rows: Vec<String> = source.rows.iter().map(ToString::to_string).filter(|marks| !marks.is_empty()).collect(),
+    part: Option<&'a str> = source.part.as_deref(),
     /// Of the logs of an autopilot. Device numbers are the same on all boards of a model: no serial numbers.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    instance: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    device_id: Option<u32>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    gyroscope_device_id: Option<u32>,
-}
+    instance: Option<u32> = source.log_imu.map(|imu| imu.instance),
+    device_id: Option<u32> = source.log_imu.and_then(|imu| imu.devices[0]),
+    gyroscope_device_id: Option<u32> = source.log_imu.and_then(|imu| imu.devices[1]),
+}}
 
 impl CampaignSource {
-    /// This program, now; the files are still to be named.
+    /// This program, at a time as RFC 3339 in UTC; the files are still to be named.
     #[must_use]
-    pub fn now() -> Self {
-        Self { tool: tool(), time: now(), ..Self::default() }
-    }
-
-    /// What was read of the recordings, as the provenance has it.
-    pub(crate) fn read(&self) -> ReadRecord<'_> {
-        let [device_id, gyroscope_device_id] = self.log_imu.map(|imu| imu.devices).unwrap_or_default();
-        let instance = self.log_imu.map(|imu| imu.instance);
-        ReadRecord { part: self.part.as_deref(), instance, device_id, gyroscope_device_id }
-    }
-
-    /// The marks as the provenance has them.
-    pub(crate) fn marks(&self) -> Vec<String> {
-        self.rows.iter().map(ToString::to_string).filter(|marks| !marks.is_empty()).collect()
+    pub fn at(time: impl Into<String>) -> Self {
+        Self { tool: tool(), time: time.into(), ..Self::default() }
     }
 }
 
@@ -65,10 +51,4 @@ impl CampaignSource {
 #[must_use]
 pub fn tool() -> String {
     format!("isotherm {}", env!("CARGO_PKG_VERSION"))
-}
-
-/// The current time to the second, RFC 3339 in UTC, for [`CampaignSource::time`].
-#[must_use]
-pub fn now() -> String {
-    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }

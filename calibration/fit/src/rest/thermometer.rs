@@ -32,7 +32,7 @@ const ERRORS: f64 = 8.0;
 const PART: f64 = 0.1;
 
 /// A time in which the telemetry has one value.
-struct Standing {
+struct ConstantTelemetry {
     bins: Range<usize>,
     /// Change to the value after it; `None` at the end.
     jump: Option<f64>,
@@ -44,11 +44,11 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
     if all.len() < 2 {
         return Vec::new();
     }
-    let seconds = |standing: &Standing| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
+    let seconds = |standing: &ConstantTelemetry| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
     let step = recording.step_of_telemetry();
     let usual_change = median(all.iter().filter_map(|standing| standing.jump));
     let least_jump = (JUMP * usual_change).max(STEPS * step);
-    let is_stuck = |(number, standing): (usize, &Standing)| {
+    let is_stuck = |(number, standing): (usize, &ConstantTelemetry)| {
         let near = number.saturating_sub(10)..(number + 11).min(all.len());
         let others = all[near.clone()].iter().enumerate().filter(|(other, _)| near.start + other != number);
         let usual_s = median(others.map(|(_, other)| seconds(other)));
@@ -66,7 +66,7 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
 }
 
 /// The times in which the telemetry has one value.
-fn standings(recording: &RampRecording, bins: &Bins) -> Vec<Standing> {
+fn standings(recording: &RampRecording, bins: &Bins) -> Vec<ConstantTelemetry> {
     let times: Vec<u64> = recording.bins().iter().map(crate::transients::Bin::middle_ns).collect();
     let mut changes: Vec<(usize, f64)> = Vec::new();
     for reading in recording.heads(0) {
@@ -76,7 +76,7 @@ fn standings(recording: &RampRecording, bins: &Bins) -> Vec<Standing> {
         }
     }
     let ends = changes.iter().skip(1).map(|(bin, value)| (*bin, Some(*value))).chain([(bins.len(), None)]);
-    let standing = |((start, value), (end, next)): (&(usize, f64), (usize, Option<f64>))| Standing {
+    let standing = |((start, value), (end, next)): (&(usize, f64), (usize, Option<f64>))| ConstantTelemetry {
         bins: *start..end.max(start + 1),
         jump: next.map(|next| (next - value).abs()),
     };

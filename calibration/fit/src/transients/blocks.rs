@@ -12,7 +12,7 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::{Sweep, sweeps};
+use isotherm_statistics::{Sweep, mean, sweeps};
 
 /// Most blocks of a recording.
 const BLOCKS: usize = 400;
@@ -511,10 +511,6 @@ fn telemetry_interval_s(readings: &[Reading]) -> f64 {
 fn median(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
-pub(super) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn range_of(values: &[f64]) -> [f64; 2] {

@@ -2,6 +2,7 @@
 
 use super::options::{CurveSource, TransientOptions};
 use crate::sensor::TriadUnits;
+use crate::table::{axis_mut, set_bias};
 use isotherm_recording::Losses;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::Content;
@@ -173,18 +174,10 @@ impl Transients {
         let lag = self.biases.iter().any(|bias| bias.transient != 0.0);
         content.lag_s = lag.then_some(self.time_constant.value_s);
         for bias in &self.biases {
-            let axes = match (bias.kind, &mut content.gyroscopes) {
-                (SensorKind::Gyroscope, Some(gyroscopes)) => &mut gyroscopes.axes,
-                _ => &mut content.axes,
-            };
-            let axis = &mut axes[bias.axis];
-            let factor = axis.bias_unit.factor();
-            axis.transient = bias.transient / factor;
+            let axis = axis_mut(content, bias.kind, bias.axis);
+            axis.transient = bias.transient / axis.bias_unit.factor();
             if self.options.curves == CurveSource::Ramps {
-                let curve = &bias.curve;
-                let coefficients: Vec<_> = curve.coefficients().iter().map(|c| c / factor).collect();
-                let curve = Polynomial::new(&coefficients, curve.center(), curve.scale(), curve.range());
-                axis.bias = curve.unwrap_or(axis.bias);
+                set_bias(axis, &bias.curve);
             }
         }
         content.format = content.least_format();

@@ -1,9 +1,9 @@
-//! Fits of campaigns, turns, ramps and standstills, and the mistakes that they must refuse.
+//! Fits of campaigns, turns, ramps and static poses, and the mistakes that they must refuse.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
 mod campaign;
-mod gravity_only;
 mod gyroscopes;
 mod mistakes;
-mod one_attitude;
 mod transients;
+mod tumble;
+mod warm_up;

@@ -11,7 +11,7 @@ use gate::{ANGLES_DEG, Good, WRONG, faults, gate, install, true_error};
 use isotherm_campaign::Scheme;
 use isotherm_fit::{AlignmentChoice, CalibrationOptions};
 use isotherm_simulation::{CampaignSchedule, SimulatedRow};
-use matrix::{Expected, calibrated, case, correct, mistakes, outcome, truth_in, without_misalignment};
+use matrix::{ExpectedOutcome, calibrated, case, correct, mistakes, outcome, truth_in, without_misalignment};
 
 fn seeds() -> std::ops::RangeInclusive<u64> {
     1..=if std::env::var_os("ISOTHERM_ALL_SEEDS").is_some() { 5 } else { 1 }
@@ -34,7 +34,7 @@ fn mistakes_are_refused_and_the_first_line_names_them() {
                 ));
             }
             // A cause is one line, and at most one more counts its symptoms.
-            if let Expected::Refused(words) = mistake.expected
+            if let ExpectedOutcome::Refused(words) = mistake.expected
                 && words.contains("exchanged")
             {
                 assert!(outcome.lines.len() <= 2, "{}: {:?}", mistake.name, outcome.lines);
@@ -93,7 +93,7 @@ fn no_wrong_table_is_installed_that_campaign_or_run_can_show() {
             let Ok(made) = faults(&case).and_then(|accept| install(&case, &good, &accept, seed)) else { continue };
             tables += 1;
             let installed = made.wrong_installed().contains(&true);
-            if matches!(mistake.expected, Expected::InPrinciple(_) | Expected::WarnedAlone(_)) {
+            if matches!(mistake.expected, ExpectedOutcome::InPrinciple(_) | ExpectedOutcome::WarnedAlone(_)) {
                 unseen += 1;
                 assert!(made.wrong && installed, "{}: what is invisible is seen: {:?}", mistake.name, made.gates);
             } else if installed {

@@ -1,6 +1,6 @@
 //! The sections of a calibration's page that only gyroscopes have.
 
-use super::parts::{Report, angle, remark};
+use super::parts::{CalibrationPage, angle, remark};
 use super::triad::Budget;
 use crate::page::{Cell, Column, Page};
 use crate::plot::{Plot, Style};
@@ -19,7 +19,7 @@ type ErrorCost = (String, Option<f64>, Option<f64>);
 /// A whole turn \[arcsec\].
 const WHOLE_TURN: f64 = 1_296_000.0;
 
-impl Report<'_> {
+impl CalibrationPage<'_> {
     /// What the first list of the page says about the gyroscopes.
     pub(super) fn gyroscope_facts(&self) -> Vec<(&'static str, String)> {
         let Some(found) = &self.calibration.gyroscopes else { return Vec::new() };

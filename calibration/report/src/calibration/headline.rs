@@ -1,22 +1,18 @@
 //! The first screen of a calibration's page: what the instrument was, what it is now, and whether every check that can
 //! fail was made and passed.
 
-use super::parts::Report;
+use super::parts::CalibrationPage;
 use super::triad::Bars;
 use crate::page::{Cell, Column, NoteKind, Page};
 use isotherm_campaign::SampleLayout;
 use isotherm_fit::{Accuracy, CalibratedTriad};
 use isotherm_shared::table::AXIS_NAMES;
+use isotherm_statistics::rms;
 
 /// An accelerometer: its number, its errors before and after, and what is known of the whole curves.
 type Row<'a> = (usize, [f64; 2], &'a Accuracy);
 
-/// Root mean square.
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
-}
-
-impl Report<'_> {
+impl CalibrationPage<'_> {
     /// The result in a sentence for each triad, then by accelerometer, then what is to be looked at.
     pub(super) fn headline(&self, page: &mut Page) {
         let errors = [0, 1, 2].map(|axis| [rms(&self.frozen_errors(axis)), rms(&self.errors(axis))]);

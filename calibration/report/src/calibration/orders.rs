@@ -1,12 +1,12 @@
 //! The order tables of a calibration's report.
 
-use super::parts::{QUANTITY_NAMES, Report};
+use super::parts::{CalibrationPage, QUANTITY_NAMES};
 use crate::page::{Cell, Column, NoteKind, Page};
 use isotherm_fit::CalibratedTriad;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, Diagnostics, Fit, OrderTable, Test, root};
 
-impl Report<'_> {
+impl CalibrationPage<'_> {
     pub(super) fn orders(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
         self.heading(page, triad, "orders", "Order tables");
         page.paragraph(if triad.gyroscopes.is_some() {

@@ -4,13 +4,10 @@ use crate::page::{Cell, NoteKind};
 use isotherm_campaign::{Campaign, Position};
 use isotherm_fit::{CalibratedTriad, Calibration, CampaignSource};
 
-/// Intervals between the points of a drawn curve.
-pub(super) const CURVE_INTERVALS: usize = 120;
-
 /// The three quantities of a sensor.
 pub(super) const QUANTITY_NAMES: [&str; 3] = ["Bias", "K+", "K-"];
 
-pub(super) struct Report<'a> {
+pub(super) struct CalibrationPage<'a> {
     pub(super) campaign: &'a Campaign,
     pub(super) calibration: &'a Calibration,
     pub(super) source: &'a CampaignSource,
@@ -23,11 +20,6 @@ pub(super) struct Report<'a> {
 /// The cell of a dwell or turn with a finding.
 pub(super) fn remark() -> Cell {
     Cell::Verdict(NoteKind::Warning, "see result".to_owned())
-}
-
-/// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
-pub(super) fn grid([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
-    (0..=CURVE_INTERVALS).map(move |i| low + (high - low) * i as f64 / CURVE_INTERVALS as f64)
 }
 
 /// An angle of the turntable in a position, outer or inner; a dash without angles.

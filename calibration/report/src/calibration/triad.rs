@@ -1,13 +1,14 @@
 //! The sections of a calibration's page that are the same for accelerometers and gyroscopes.
 
-use super::parts::{CURVE_INTERVALS, QUANTITY_NAMES, Report, grid};
+use super::parts::{CalibrationPage, QUANTITY_NAMES};
 use crate::page::{Cell, Column, Page};
+use crate::parts::{CURVE_INTERVALS, grid};
 use crate::plot::{Plot, Style};
 use isotherm_fit::{CalibratedTriad, Method, ReducedSensor};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, largest, student_quantile};
 
-impl Report<'_> {
+impl CalibrationPage<'_> {
     /// `accelerometers: ` if there are gyroscopes too, or else nothing: of one triad it is clear what is meant.
     pub(super) fn whose(&self, triad: &CalibratedTriad<'_>) -> String {
         if self.triads.len() > 1 { format!("{}s: ", triad.units.sensor) } else { String::new() }
@@ -72,12 +73,12 @@ impl Report<'_> {
         let curve = &triad.curves[axis][quantity];
         let value = |u: f64| curve.at(u) - from(u);
         let quantile = curve.band_quantile(CONFIDENCE);
-        let band = grid(curve.range()).filter_map(|u| {
+        let band = grid(curve.range(), CURVE_INTERVALS).filter_map(|u| {
             let half = curve.half_width(u, quantile?)?;
             Some((u, (value(u) - half) * factor, (value(u) + half) * factor))
         });
         self.plot_over_telemetry(triad, title, y_label, axis, quantity)
-            .series(label, Style::Line, grid(curve.range()).map(|u| (u, value(u) * factor)))
+            .series(label, Style::Line, grid(curve.range(), CURVE_INTERVALS).map(|u| (u, value(u) * factor)))
             .band(band)
             .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, from, factor))
             .errors(errors(triad, axis, quantity).into_iter().map(|half| half * factor))
@@ -201,12 +202,13 @@ impl Budget {
         let size = |quantity: usize, u: f64| if quantity == 0 { 1.0 } else { curves[quantity].at(u).abs() };
         let mean = |quantity: usize| {
             let curve = &curves[quantity];
-            let squares = grid(curve.range()).map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
+            let squares = grid(curve.range(), CURVE_INTERVALS)
+                .map(|u| curve.standard_error(u).map(|e| (e / size(quantity, u)).powi(2)));
             squares.sum::<Option<f64>>().map(|sum| (sum / (CURVE_INTERVALS + 1) as f64).sqrt())
         };
         let slope = |quantity: usize| {
             let curve = &curves[quantity];
-            let slopes = grid(curve.range()).map(|u| curve.slope(u).abs() / size(quantity, u));
+            let slopes = grid(curve.range(), CURVE_INTERVALS).map(|u| curve.slope(u).abs() / size(quantity, u));
             largest(slopes) * 1e-3
         };
         let leave_one_out = |quantity: usize| {

@@ -5,8 +5,8 @@ use crate::findings::records;
 use crate::view::{value, view};
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
-    Allan, Bridged, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise, Step,
-    TemperatureLine,
+    Allan, BridgedRows, COEFFICIENTS, Coefficient, FLICKER_FLOOR, ModelFit, NoiseAnalysis, NoiseUnits, SensorNoise,
+    Step, TemperatureLine,
 };
 use isotherm_recording::Losses;
 use serde_json::Value;
@@ -46,7 +46,7 @@ view! { NoiseView<'a>(analysis: &'a NoiseAnalysis) {
 
 view! {
 /// The rows that are missing in the stretch.
-BridgedView(bridged: &Bridged) {
+BridgedView(bridged: &BridgedRows) {
     rows: usize = bridged.rows,
     gaps: usize = bridged.gaps,
     not_a_number: usize = bridged.not_a_number,

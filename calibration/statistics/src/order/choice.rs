@@ -18,7 +18,8 @@
 //! F = Q_m / (n - m - 1) / own variance,   with n - m - 1 degrees of freedom and those of the own variance
 //! ```
 
-use crate::regression::{Fit, Regression, f_tail};
+use crate::regression::{Fit, Regression};
+use crate::tails::f_tail;
 use core::fmt::Write as _;
 
 /// The rule for the choice of an order.

@@ -1,7 +1,8 @@
 //! The comparison of two tables on the same run.
 
-use crate::verdict::{group_interval, groups, mean, noise};
+use crate::verdict::{group_interval, groups, noise};
 use crate::window::{MIN_WINDOWS, Window};
+use isotherm_statistics::mean;
 
 /// The windows that both tables can judge, of the new one and of that in force.
 pub(super) fn common_windows<'a>(new: &'a [Window], old: &'a [Window]) -> Vec<(&'a Window, &'a Window)> {

@@ -81,7 +81,7 @@ pub fn undriven(forces: &[[f64; AXES]]) -> Vec<Channel> {
 
 /// What the runs together have exercised.
 #[derive(Clone, Debug, Default)]
-pub struct Exercised {
+pub struct ExercisedChannels {
     /// Specific force of each run \[g0\].
     forces: Vec<[f64; AXES]>,
     /// What of the table the runs exercise together.
@@ -90,7 +90,7 @@ pub struct Exercised {
     gyroscopes: Option<Coverage>,
 }
 
-impl Exercised {
+impl ExercisedChannels {
     /// Adds a run: its attitude, and what it covers. All runs are judged under one table.
     pub fn add(&mut self, run: &Stability) {
         self.forces.push(run.specific_force);
@@ -135,7 +135,7 @@ impl Gate {
     #[must_use]
     pub fn refuses_together(
         &self,
-        runs: &Exercised,
+        runs: &ExercisedChannels,
         new: &CoefficientTable,
         in_force: Option<&CoefficientTable>,
     ) -> Vec<Refusal> {
@@ -209,7 +209,7 @@ mod tests {
             })
         };
         let judge = |new: &CoefficientTable, in_force: Option<&CoefficientTable>| {
-            let mut runs = Exercised::default();
+            let mut runs = ExercisedChannels::default();
             runs.add(&run(new, 0));
             (gate(0.0).refuses_together(&runs, new, in_force), runs.not_judged(new))
         };
@@ -246,7 +246,7 @@ mod tests {
     #[test]
     fn runs_that_leave_a_hole_judge_no_table_unless_that_is_accepted() {
         let good = truth();
-        let mut whole = Exercised::default();
+        let mut whole = ExercisedChannels::default();
         whole.add(&run(&good, 0));
         assert_eq!(gate(0.0).refuses_together(&whole, &good, None), []);
         assert_eq!(
@@ -259,7 +259,7 @@ mod tests {
         );
         // The ends of the range, and nothing between; then two runs that leave a hole each, but not together.
         let parts = |parts: &[[f64; 2]]| {
-            let mut runs = Exercised::default();
+            let mut runs = ExercisedChannels::default();
             parts.iter().for_each(|[from, to]| runs.add(&run_between(&good, *from, *to)));
             let refused = gate(0.0).refuses_together(&runs, &good, None);
             assert_eq!(Gate { accepts_holes: true, ..gate(0.0) }.refuses_together(&runs, &good, None), []);
@@ -275,6 +275,6 @@ mod tests {
         assert_eq!(parts(&[[0.9, 2.5], [2.45, 4.2]]), Vec::<String>::new());
         assert_eq!(parts(&[[0.9, 2.5]]).len(), 1);
         // No run.
-        assert!(!gate(0.0).refuses_together(&Exercised::default(), &up_to(2.0), None).is_empty());
+        assert!(!gate(0.0).refuses_together(&ExercisedChannels::default(), &up_to(2.0), None).is_empty());
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::window::Window;
 use isotherm_shared::wire::AXES;
+use isotherm_statistics::{mean, rms};
 
 /// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible
 /// spoils a window.
@@ -44,11 +45,7 @@ pub(super) fn figures(counted: &[&Window], right: [f64; AXES]) -> [AxisStability
     })
 }
 
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
-}
-
 fn sd(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let mean = mean(values);
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64).sqrt()
 }

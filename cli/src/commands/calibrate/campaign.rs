@@ -9,8 +9,8 @@ use isotherm_analysis::{batch, same_rows};
 use isotherm_campaign::{Campaign, IMU, select_imu};
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, refuse_overlap};
-use isotherm_fit::{TableFile, now, tool};
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, JobFailure};
+use isotherm_fit::{TableFile, tool};
+use isotherm_pipeline::{CampaignFile, JobFailure, JobOutcome, now};
 use isotherm_report::batch::{BatchSource, document, html, text};
 use isotherm_report::json::findings;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -30,7 +30,7 @@ pub(super) struct CampaignJob<'a> {
     pub batch: Option<&'a Path>,
     /// Further files that are read.
     pub others: Vec<(&'a Path, &'static str)>,
-    pub calibrate: &'a dyn Fn(&Campaign) -> Result<CalibrationOutcome, JobFailure>,
+    pub calibrate: &'a dyn Fn(&Campaign) -> Result<JobOutcome, JobFailure>,
 }
 
 /// A campaign, and the files of its samples.

@@ -29,7 +29,7 @@ pub(crate) fn replacement(arguments: &[OsString]) -> Option<String> {
 /// The subcommand that takes a campaign file.
 pub(super) fn job_of_campaign(path: &Path) -> &'static str {
     let campaigns = CampaignFile::read(path).and_then(|file| file.campaigns()).unwrap_or_default();
-    if campaigns.iter().any(|campaign| campaign.gravity_only) { "tumble" } else { "turntable" }
+    if campaigns.iter().any(|campaign| campaign.is_tumble) { "tumble" } else { "turntable" }
 }
 
 /// The word as a shell takes it.

@@ -4,7 +4,7 @@ use crate::commands::common::JsonOption;
 use crate::messages::{print_text, tell_findings};
 use crate::progress::spinner;
 use isotherm_campaign::Campaign;
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure};
+use isotherm_pipeline::{CampaignFile, Inputs, JobFailure, JobOutcome};
 use serde_json::Value;
 use std::fmt::Write as _;
 use tracing::info;
@@ -15,7 +15,7 @@ pub(super) fn fit(
     inputs: Inputs,
     (campaign, file): (&Campaign, Option<&CampaignFile>),
     accepted: &[&'static str],
-) -> Result<CalibrationOutcome, JobFailure> {
+) -> Result<JobOutcome, JobFailure> {
     let spinner = spinner("fitting");
     let outcome = inputs.fit(campaign, file);
     spinner.finish_and_clear();
@@ -39,7 +39,7 @@ fn with_names(mut refusal: JobFailure, accepted: &[&'static str]) -> JobFailure 
 }
 
 /// Prints findings, notes and text.
-pub(super) fn tell_outcome(outcome: &CalibrationOutcome, json: JsonOption) {
+pub(super) fn tell_outcome(outcome: &JobOutcome, json: JsonOption) {
     tell_findings(outcome.findings());
     outcome.notes.iter().for_each(|note| info!("{note}"));
     if !json.is_given() {

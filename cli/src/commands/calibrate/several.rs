@@ -5,7 +5,7 @@ use crate::commands::common::JsonOption;
 use crate::messages::print_text;
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
-use isotherm_pipeline::{CalibrationOutcome, JobFailure};
+use isotherm_pipeline::{JobFailure, JobOutcome};
 use isotherm_support::failure::{Exit, Failure, shown};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ pub(super) struct TableMember {
     pub imu: ImuId,
     /// Where its table goes.
     pub table: PathBuf,
-    pub result: Result<(Campaign, CalibrationOutcome), JobFailure>,
+    pub result: Result<(Campaign, JobOutcome), JobFailure>,
 }
 
 impl TableMember {

@@ -6,7 +6,7 @@ use clap::Args;
 use isotherm_campaign::{Campaign, IMU};
 use isotherm_client::ImuId;
 use isotherm_files::StagedText;
-use isotherm_pipeline::{CalibrationOutcome, InputOptions};
+use isotherm_pipeline::{InputOptions, JobOutcome};
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::name;
@@ -95,7 +95,7 @@ impl TableFiles {
     }
 
     /// Writes both; they are put into place together with others.
-    pub(super) fn write(self, campaign: &Campaign, outcome: &CalibrationOutcome) -> Result<Vec<StagedText>, Failure> {
+    pub(super) fn write(self, campaign: &Campaign, outcome: &JobOutcome) -> Result<Vec<StagedText>, Failure> {
         let mut texts = vec![self.table.write(&outcome.table)?];
         texts.extend(self.page.map(|page| page.write(&outcome.html(campaign))).transpose()?);
         Ok(texts)

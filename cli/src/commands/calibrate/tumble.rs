@@ -10,8 +10,8 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{Campaign, Place};
 use isotherm_client::ImuId;
-use isotherm_fit::{GravityOnlyOptions, ScaleFactorChoice};
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, RowSource};
+use isotherm_fit::{ScaleFactorChoice, TumbleOptions};
+use isotherm_pipeline::{CampaignFile, Inputs, JobFailure, JobOutcome, RowSource};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -138,7 +138,7 @@ impl GravityArgs {
             );
             return Err(Failure::new(Exit::Usage, message));
         };
-        let campaign = Campaign::gravity_only(imu.clone(), [local, reference], unit);
+        let campaign = Campaign::tumble(imu.clone(), [local, reference], unit);
         Ok(match place {
             Some(place) if self.gravity_local.is_some() => campaign.at_place(place),
             Some(place) => campaign.with_normal_gravity(place),
@@ -201,9 +201,9 @@ impl Tumble {
         file: Option<&CampaignFile>,
         samples: &[PathBuf],
         verbose: bool,
-    ) -> Result<CalibrationOutcome, JobFailure> {
+    ) -> Result<JobOutcome, JobFailure> {
         let accept = self.table.accepted(None);
-        let options = GravityOnlyOptions {
+        let options = TumbleOptions {
             window_s: self.window.map(|window| window.as_secs_f64()),
             order: self.table.order.0,
             scale_factor: self.scale_factor.unwrap_or_default(),
@@ -222,7 +222,7 @@ impl Tumble {
 /// The campaigns of a file, which are tumbles.
 fn campaigns_of(file: &CampaignFile) -> Result<Vec<Campaign>, Failure> {
     let campaigns = file.campaigns()?;
-    if campaigns.iter().all(|campaign| campaign.gravity_only) {
+    if campaigns.iter().all(|campaign| campaign.is_tumble) {
         return Ok(campaigns);
     }
     let (path, job) = (shown(&file.path), job_of_campaign(&file.path));

@@ -12,7 +12,7 @@ use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, print_data};
 use isotherm_fit::{AlignmentChoice, CalibrationOptions, LagChoice, Method};
-use isotherm_pipeline::{CalibrationOutcome, CampaignFile, Inputs, JobFailure, RowSource, propose};
+use isotherm_pipeline::{CampaignFile, Inputs, JobFailure, JobOutcome, RowSource, propose};
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::name;
@@ -136,7 +136,7 @@ impl Turntable {
         self.table.check_stdout(output)?;
         let file = CampaignFile::read(path)?;
         let campaigns = file.campaigns()?;
-        if campaigns.iter().any(|campaign| campaign.gravity_only) {
+        if campaigns.iter().any(|campaign| campaign.is_tumble) {
             let (file, job) = (shown(path), job_of_campaign(path));
             let message =
                 format!("{file}: a campaign without a turntable; `isotherm calibrate {job} {file}` makes the table");
@@ -154,12 +154,7 @@ impl Turntable {
         job.run(campaigns, self.imu.as_ref())
     }
 
-    fn calibrate(
-        &self,
-        campaign: &Campaign,
-        file: &CampaignFile,
-        verbose: bool,
-    ) -> Result<CalibrationOutcome, JobFailure> {
+    fn calibrate(&self, campaign: &Campaign, file: &CampaignFile, verbose: bool) -> Result<JobOutcome, JobFailure> {
         let accept = self.table.accepted(self.replace_curves.then_some(name::ONE_DIRECTION));
         let options = CalibrationOptions {
             method: self.method.unwrap_or_default(),

@@ -17,8 +17,8 @@ use isotherm_autopilot::HIGHEST_ORDER;
 use isotherm_campaign::Campaign;
 use isotherm_client::ImuId;
 use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
-use isotherm_fit::{LagChoice, OneAttitudeOptions};
-use isotherm_pipeline::{CalibrationOutcome, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu};
+use isotherm_fit::{LagChoice, WarmUpOptions};
+use isotherm_pipeline::{InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 
@@ -128,7 +128,7 @@ impl WarmUp {
     }
 
     /// The table of an IMU of a vehicle.
-    fn calibrate(&self, of: &VehicleImu, input: &InputOptions) -> Result<(Campaign, CalibrationOutcome), JobFailure> {
+    fn calibrate(&self, of: &VehicleImu, input: &InputOptions) -> Result<(Campaign, JobOutcome), JobFailure> {
         let nominal = self.nominal.as_deref().map(|path| load_table(&of.path(path), Some(&of.imu), Trust::Any));
         let nominal = nominal.transpose()?.map(|(table, _)| table);
         let input = of.input(input);
@@ -138,7 +138,7 @@ impl WarmUp {
         let unless_given = if exports { LagChoice::None } else { LagChoice::Search };
         let shown = self.beside.iter().filter_map(ShownParameters::file);
         let on_board = shown.map(|path| on_board(path, input.foreign.settings.instance));
-        let options = OneAttitudeOptions {
+        let options = WarmUpOptions {
             order: self.table.order.0,
             highest_order: exports.then_some(HIGHEST_ORDER),
             lag: self.lag.unwrap_or(unless_given),

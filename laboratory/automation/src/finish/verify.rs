@@ -6,8 +6,8 @@ use crate::plan::{Plan, VerificationPlan};
 use crate::runner::stopped_by;
 use isotherm_campaign::Position;
 use isotherm_files::{StagedText, print};
-use isotherm_fit::{Calibration, now, tool};
-use isotherm_pipeline::{VerificationRun, no_bar};
+use isotherm_fit::{Calibration, tool};
+use isotherm_pipeline::{VerificationRun, no_bar, now};
 use isotherm_recording_formats::read::ImuChoice;
 use isotherm_report as report;
 use isotherm_report::verification::VerificationSource;
@@ -15,7 +15,7 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::name;
 use isotherm_verification::{
-    EarthRate, Estimate, Exercised, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
+    EarthRate, Estimate, ExercisedChannels, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
 };
 use std::path::Path;
 use std::sync::atomic::AtomicUsize;
@@ -65,7 +65,7 @@ pub(super) fn verify(
     if let Some(gate) = &gate {
         causes.extend(gate.refuses_table(calibration, in_force).into_iter().map(|refusal| refusal.cause));
     }
-    let mut exercised = Exercised::default();
+    let mut exercised = ExercisedChannels::default();
     let (mut refused_runs, mut failed) = (Vec::new(), Vec::new());
     for (index, run) in plan.run_files().into_iter().enumerate() {
         check_stop_signal(stop_signal)?;
@@ -158,7 +158,7 @@ impl FittedTable {
         recording: &Path,
         setup: &Setup,
         gate: Option<&Gate>,
-        exercised: &mut Exercised,
+        exercised: &mut ExercisedChannels,
     ) -> Result<RunVerdict, Failure> {
         let table = &self.calibration.table;
         // What the runs leave out is judged of all together.

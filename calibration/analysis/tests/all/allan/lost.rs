@@ -2,7 +2,7 @@
 
 use super::recording::{ALL, INTERVAL_NS, rows};
 use super::simulated::{Truth, rates};
-use isotherm_analysis::{Bridged, COEFFICIENTS, NoiseAnalysis};
+use isotherm_analysis::{BridgedRows, COEFFICIENTS, NoiseAnalysis};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use isotherm_shared::wire::RawSample;
@@ -93,7 +93,7 @@ fn tallies(kind: &(&str, Truth, Option<f64>), count: usize, recordings: u64, see
         for (tally, (_, part, longest)) in all.iter_mut().zip(LOSSES) {
             let left = with_losses(&whole, part, longest, seed);
             let analysis = NoiseAnalysis::of(&left, None, ALL).unwrap();
-            // Chance ends a standstill now and then, also without losses.
+            // Chance ends a static pose now and then, also without losses.
             assert!(analysis.used.len() > left.len() / 4, "{:?} of {}", analysis.used, left.len());
             assert_eq!(analysis.bridged.of - analysis.bridged.rows, analysis.used.len());
             for (axis, sensor) in analysis.sensors.iter().enumerate() {
@@ -150,7 +150,7 @@ fn bridged_rows_are_told_and_the_same_each_time() {
     rows.remove(2500);
     rows.drain(1200..1203);
     let found = of(&rows);
-    let bridged = Bridged { rows: 20, gaps: 3, not_a_number: 0, of: 5000 };
+    let bridged = BridgedRows { rows: 20, gaps: 3, not_a_number: 0, of: 5000 };
     assert_eq!((found.bridged, found.used.clone(), found.used_s), (bridged, 0..4980, [0.0, 500.0]));
     assert!((found.interval_s - 0.1).abs() < 1e-12);
     assert_eq!(found, of(&rows));
@@ -171,7 +171,7 @@ fn bridged_rows_are_told_and_the_same_each_time() {
     assert!(noise::html(&found, &source).contains(message));
     // A whole recording says nothing of them.
     let whole = of(&white(5000));
-    assert_eq!(whole.bridged, Bridged { of: 5000, ..Bridged::default() });
+    assert_eq!(whole.bridged, BridgedRows { of: 5000, ..BridgedRows::default() });
     assert!(whole.findings().is_empty() && whole.lost().is_none());
 }
 

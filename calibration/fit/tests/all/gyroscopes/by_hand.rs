@@ -1,17 +1,17 @@
 //! Stations without angles: by hand, or on a rate table.
 
-use super::station::{Station, Turned};
+use super::station::{Station, TestTurn};
 use isotherm_fit::CalibrationOptions;
 
 /// A stop with the axis vertical: outer and inner angle that bring it there, and the axis in IMU coordinates.
 const VERTICAL: [([f64; 2], [f64; 3]); 3] =
     [([90.0, 90.0], [1.0, 0.0, 0.0]), ([90.0, 0.0], [0.0, 1.0, 0.0]), ([0.0, 0.0], [0.0, 0.0, 1.0])];
 
-fn turns(stops: [([f64; 2], [f64; 3]); 3]) -> Vec<Turned> {
+fn turns(stops: [([f64; 2], [f64; 3]); 3]) -> Vec<TestTurn> {
     let turns = stops.into_iter().flat_map(|stop| [360.0, -360.0].map(|angle| (stop, angle)));
     (101..)
         .zip(turns)
-        .map(|(number, (([outer, inner], axis), angle))| Turned { number, axis, angle, outer, inner })
+        .map(|(number, (([outer, inner], axis), angle))| TestTurn { number, axis, angle, outer, inner })
         .collect()
 }
 

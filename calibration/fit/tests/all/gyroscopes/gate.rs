@@ -6,7 +6,7 @@ use isotherm_fit::{Calibration, CalibrationOptions};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_verification::{Exercised, Gate, Refusal, Requirement};
+use isotherm_verification::{ExercisedChannels, Gate, Refusal, Requirement};
 use nalgebra::{Matrix3, Rotation3};
 use std::collections::BTreeSet;
 
@@ -49,7 +49,7 @@ impl Laboratory {
         let require = if require.is_empty() { Requirement::default() } else { require.parse().unwrap() };
         let gate = Gate::new(require, calibration, [0.6, 0.5, 0.65]).unwrap();
         let mut refusals = gate.refuses_table(calibration, in_force);
-        let mut exercised = Exercised::default();
+        let mut exercised = ExercisedChannels::default();
         for (angles, run) in ATTITUDES.into_iter().zip(&self.runs) {
             let mut run = run.clone();
             run.iter_mut().for_each(in_use);

@@ -1,7 +1,7 @@
 //! What is refused, by name: in the campaign file, in the rows, in the list of positions and turns.
 
 use super::data::text;
-use super::station::{Station, Turned};
+use super::station::{Station, TestTurn};
 use isotherm_campaign::Campaign;
 use isotherm_fit::{
     Calibration, CalibrationError, CalibrationOptions, TriadObservability, calibrate, read_measurements,
@@ -301,7 +301,7 @@ fn disturbed_turns_can_be_left_out_or_accepted() {
     );
     // With another turn of this direction the disturbed one is left out, and the table is as good.
     let mut station = station.fine();
-    station.turns.push(Turned { number: 107, ..station.turns[2] });
+    station.turns.push(TestTurn { number: 107, ..station.turns[2] });
     let mut rows = station.rows();
     let lost = of(&rows, 103)[20];
     rows.remove(lost);
@@ -365,7 +365,7 @@ fn what_positions_and_turns_leave_open_is_named_with_what_would_help() {
     let diagonal = Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
     let mount = *Rotation3::rotation_between(&Vector3::z(), &diagonal).unwrap().matrix();
     let axis: [f64; 3] = diagonal.into_inner().into();
-    let turned = |number, angle| Turned { number, axis, angle, outer: 0.0, inner: 0.0 };
+    let turned = |number, angle| TestTurn { number, axis, angle, outer: 0.0, inner: 0.0 };
     let skew = Station { mount, turns: vec![turned(101, 360.0), turned(102, -360.0)], ..station.clone() };
     let found = TriadObservability::of(&skew.campaign());
     println!("{found:?}");

@@ -42,7 +42,7 @@ pub(crate) struct Gyroscope {
 
 /// A turn: number, axis in IMU coordinates, angle, and the angles at which it begins.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Turned {
+pub(crate) struct TestTurn {
     pub number: u32,
     pub axis: [f64; 3],
     pub angle: f64,
@@ -63,7 +63,7 @@ pub(crate) struct Station {
     pub set_points: Vec<f64>,
     /// Outer and inner angle.
     pub positions: Vec<[f64; 2]>,
-    pub turns: Vec<Turned>,
+    pub turns: Vec<TestTurn>,
     /// deg/s, deg/s2 up and down.
     pub profile: [f64; 3],
     /// A turn is done in so many equal moves, with 2 s of rest between them.
@@ -123,10 +123,13 @@ pub(crate) const S1: [[f64; 2]; 12] = [
 ];
 
 /// The six turns of the data, numbered from 101.
-pub(crate) fn six_turns(angle: f64) -> Vec<Turned> {
+pub(crate) fn six_turns(angle: f64) -> Vec<TestTurn> {
     let axes = [([1.0, 0.0, 0.0], 0.0), ([0.0, -1.0, 0.0], 90.0), ([0.0, 0.0, 1.0], 0.0)];
     let turns = axes.into_iter().flat_map(|(axis, inner)| [angle, -angle].map(|angle| (axis, inner, angle)));
-    (101..).zip(turns).map(|(number, (axis, inner, angle))| Turned { number, axis, angle, outer: 0.0, inner }).collect()
+    (101..)
+        .zip(turns)
+        .map(|(number, (axis, inner, angle))| TestTurn { number, axis, angle, outer: 0.0, inner })
+        .collect()
 }
 
 impl Station {
@@ -201,7 +204,7 @@ impl Station {
     /// Mounting, angles at the start and direction of the angles, with which a turntable does this turn. About the
     /// vertical of the station that is neither of its axes (by hand, on a rate table) it is the inner axis of another
     /// mounting.
-    fn on_the_turntable(&self, turn: &Turned) -> (Matrix3<f64>, [f64; 2], [f64; 2]) {
+    fn on_the_turntable(&self, turn: &TestTurn) -> (Matrix3<f64>, [f64; 2], [f64; 2]) {
         let start = [turn.outer, turn.inner];
         let axis = self.mount.transpose() * Vector3::from(turn.axis);
         let along = |direction: Vector3<f64>| Some(axis.dot(&direction)).filter(|cosine| cosine.abs() > 1.0 - 1e-5);
@@ -418,7 +421,7 @@ impl Recorder<'_> {
         }
     }
 
-    fn turn(&mut self, set_point: f64, turn: &Turned, at: &dyn Fn(f64) -> f64) {
+    fn turn(&mut self, set_point: f64, turn: &TestTurn, at: &dyn Fn(f64) -> f64) {
         let station = self.station;
         let angle = turn.angle + station.repeatability[2] * self.random.normal() / 3600.0;
         let one = Move::new(angle / f64::from(station.moves), station.profile);

@@ -1,7 +1,7 @@
 //! What a simpler method gets wrong, each with its own data: integrated, without noise, with pulses of 0.02 arcsec. A
 //! method that falls into the trap is wrong by what stands beside it.
 
-use super::station::{Gyroscope, Station, Turned, six_turns, telemetry};
+use super::station::{Gyroscope, Station, TestTurn, six_turns, telemetry};
 use isotherm_campaign::Scheme;
 use isotherm_fit::{CalibrationError, CalibrationOptions, Method, TriadObservability};
 use nalgebra::{Matrix3, Vector3};
@@ -179,7 +179,7 @@ fn only_positive_turns_are_refused_by_name() {
     // K 263 ppm wrong at full rank.
     let station = Station::new(16);
     let of_sign =
-        |sign: f64| -> Vec<Turned> { station.turns.iter().copied().filter(|turn| turn.angle * sign > 0.0).collect() };
+        |sign: f64| -> Vec<TestTurn> { station.turns.iter().copied().filter(|turn| turn.angle * sign > 0.0).collect() };
     let refused =
         Station { turns: of_sign(1.0), ..station.clone() }.calibrate(CalibrationOptions::default()).unwrap_err();
     let CalibrationError::Positions(lines) = &refused else { panic!("{refused}") };

@@ -37,7 +37,7 @@ pub(crate) struct Case {
 
 /// What must happen.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Expected {
+pub(crate) enum ExpectedOutcome {
     /// No table; the first line has these words.
     Refused(&'static str),
     /// A table and a warning with these words: the data could be true.
@@ -55,7 +55,7 @@ pub(crate) enum Expected {
 pub(crate) struct Mistake {
     pub name: &'static str,
     pub make: fn(u64) -> Case,
-    pub expected: Expected,
+    pub expected: ExpectedOutcome,
 }
 
 /// What happened.
@@ -72,13 +72,13 @@ impl Outcome {
     }
 
     /// Whether it is as expected.
-    pub(crate) fn is(&self, expected: Expected) -> bool {
+    pub(crate) fn is(&self, expected: ExpectedOutcome) -> bool {
         match expected {
-            Expected::Refused(words) => self.errors.is_none() && self.first().contains(words),
-            Expected::Warned(words) | Expected::WarnedAlone(words) => {
+            ExpectedOutcome::Refused(words) => self.errors.is_none() && self.first().contains(words),
+            ExpectedOutcome::Warned(words) | ExpectedOutcome::WarnedAlone(words) => {
                 self.errors.is_some() && self.lines.iter().any(|line| line.contains(words))
             }
-            Expected::Invisible(_) | Expected::InPrinciple(_) => self.errors.is_some(),
+            ExpectedOutcome::Invisible(_) | ExpectedOutcome::InPrinciple(_) => self.errors.is_some(),
         }
     }
 }
@@ -302,7 +302,7 @@ fn first_index(case: &Case, set_point_c: f64, number: u32) -> usize {
 
 /// All mistakes.
 pub(crate) fn mistakes() -> Vec<Mistake> {
-    use Expected::{InPrinciple, Invisible, Refused, Warned, WarnedAlone};
+    use ExpectedOutcome::{InPrinciple, Invisible, Refused, Warned, WarnedAlone};
     fn swap_pulses(raw: &mut RawSample, a: usize, b: usize) {
         raw.accelerometers.positive_pulses.swap(a, b);
         raw.accelerometers.negative_pulses.swap(a, b);

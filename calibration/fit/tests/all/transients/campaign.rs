@@ -2,7 +2,7 @@
 
 use isotherm_campaign::Campaign;
 use isotherm_fit::{
-    Calibration, CalibrationError, CalibrationOptions, CampaignSource, Fitted, LagChoice, RampCalibration,
+    Calibration, CalibrationError, CalibrationOptions, CalibrationOutcome, CampaignSource, LagChoice, RampCalibration,
     RampRecording, TransientVerdict, calibrate, calibrate_accelerometers, calibrate_ramps, read_measurements,
 };
 use isotherm_recording::{CampaignCsvReader, RecordingError};
@@ -87,7 +87,7 @@ fn beside_positions_the_curves_are_the_campaigns() {
     assert_eq!(beside(lag(LagChoice::None)).unwrap().table, plain);
 
     let campaign = Campaign::from_toml(FILE).unwrap();
-    let text = Fitted::Campaign(Box::new(calibration.clone())).sealed(&campaign, &source()).unwrap();
+    let text = CalibrationOutcome::Campaign(Box::new(calibration.clone())).sealed(&campaign, &source()).unwrap();
     for part in ["verdict = \"lag\"", "samples = \"ramp-2.csv\"", &"22".repeat(32), "left_out_written = "] {
         assert!(text.contains(part), "{part}\n{text}");
     }
@@ -136,7 +136,7 @@ fn ramps_alone_say_what_they_do_not_know() {
     for part in parts {
         assert!(not_known.contains(part), "{not_known}");
     }
-    let text = Fitted::Ramps(Box::new(found.clone())).sealed(&campaign, &source()).unwrap();
+    let text = CalibrationOutcome::Ramps(Box::new(found.clone())).sealed(&campaign, &source()).unwrap();
     let printed = report::text::ramps(&found);
     let page = report::ramps::html(&campaign, &found, &source());
     let document = report::json::ramps(&found, |line| line.to_string());
@@ -173,7 +173,7 @@ fn ramps_keep_the_nominal_interval_of_the_table_that_they_begin_with() {
         let found = with(interval_s, Vec::new()).unwrap();
         let content = found.table.content();
         assert_eq!((content.nominal_interval_s, content.format), (Some(interval_s), 3));
-        let text = Fitted::Ramps(Box::new(found)).sealed(&campaign, &source()).unwrap();
+        let text = CalibrationOutcome::Ramps(Box::new(found)).sealed(&campaign, &source()).unwrap();
         assert!(text.contains(&format!("\nnominal_interval_s = {interval_s:?}\n")), "{text}");
     }
     let Err(CalibrationError::Faults { findings, .. }) = with(0.07, Vec::new()) else { panic!("not refused") };

@@ -4,7 +4,7 @@ use crate::commands::export::{ParameterArgs, tell_exported};
 use isotherm_autopilot::{Autopilot, ExportOptions, Exported, Parameters, ReadError, export};
 use isotherm_files::{LoadError, StagedText, read_parameters};
 use isotherm_fit::OnBoard;
-use isotherm_pipeline::CalibrationOutcome;
+use isotherm_pipeline::JobOutcome;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -73,7 +73,7 @@ pub(super) fn staged_exports(files: &[ParameterFile]) -> Result<Vec<StagedText>,
 pub(super) fn exported(
     files: &[ParameterFile],
     parameters: &ParameterArgs,
-    outcome: &CalibrationOutcome,
+    outcome: &JobOutcome,
 ) -> Result<Vec<Exported>, Failure> {
     let one = |file: &ParameterFile| {
         let options = parameters.options(file.autopilot, None, outcome.source.log_imu);
