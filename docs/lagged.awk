@@ -1,4 +1,4 @@
-# Adds the column `lagged` to a recording: the telemetry `column` behind a lag of `tau` seconds, by the formula of
+# Adds the column `lagged` to a recording: the temperature `column` behind a lag of `tau` seconds, by the formula of
 # temperature-in-motion.md.
 #   awk -F, -v tau=240 -v column=a1_head -f lagged.awk ramp.csv > lagged.csv
 # Each row counts as a reading, at its timestamp_ns.

@@ -35,7 +35,7 @@ use std::time::Duration;
 pub struct Description {
     /// The IMU.
     pub imu: ImuId,
-    /// Serial number of the unit.
+    /// Serial number of the device.
     pub serial: Option<String>,
     /// What the rows come from.
     pub(crate) kind: Kind,

@@ -51,7 +51,7 @@ impl Health {
         Some(match self.now {
             0 => format!("the device's status is healthy again{flickers}"),
             _ => format!(
-                "warning: by the device's status these are not healthy{flickers}: {sensors}; their telemetry is sent as NaN, so that \
+                "warning: by the device's status these are not healthy{flickers}: {sensors}; their temperature is sent as NaN, so that \
                  increments are flagged"
             ),
         })
@@ -68,7 +68,7 @@ mod tests {
         let mut at = |ms: u64, unhealthy| health.message(unhealthy, || began + Duration::from_millis(ms));
         assert_eq!(at(0, 0), None);
         let begin = at(10, 0b10_0001).unwrap();
-        assert!(begin.contains("not healthy: A1, G3; their telemetry"), "{begin}");
+        assert!(begin.contains("not healthy: A1, G3; their temperature"), "{begin}");
         assert_eq!(at(20, 0b10_0001), None);
         assert_eq!(at(5_000, 0).unwrap(), "the device's status is healthy again");
         let told: Vec<_> = (0..20_000).filter_map(|turn| at(5_010 + 10 * turn, (turn % 2) as u8)).collect();

@@ -201,7 +201,7 @@ impl Recognition {
         }
         if !self.has_sent && tally.samples == 0 {
             let message = format!(
-                "the device says that it is {number}, and the description is of {serial}: connect that unit, give this \
+                "the device says that it is {number}, and the description is of {serial}: connect that device, give this \
                  one its own description and table, or exchange the ports of the two descriptions"
             );
             return Err(Failure::new(Exit::Config, message));
@@ -224,7 +224,7 @@ impl Recognition {
         let DeviceKnowledge::Other(number) = &self.known else { return };
         let serial = self.serial.as_deref().unwrap_or_default();
         let what = if self.holds { "nothing of it is sent" } else { "its samples go out under its own number" };
-        self.other.tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that unit"));
+        self.other.tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that device"));
     }
 }
 

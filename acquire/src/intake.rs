@@ -188,7 +188,7 @@ impl Intake {
         if self.has_items() && !self.assembler.has_sensors(row) {
             // Another message of the device, as one of its GNSS receiver.
             self.tally.others += 1;
-            self.assembler.take_telemetry(row, self.last_ns);
+            self.assembler.take_temperature(row, self.last_ns);
             return;
         }
         if timing.counter.is_some() && observed.counter.is_none()
@@ -303,7 +303,7 @@ impl Intake {
     fn note_power(&mut self, row: &[Value], timestamp_ns: u64) {
         let timing = &self.description.timing;
         let session = self.tally.sessions;
-        if matches!(self.description.columns.telemetry, TemperatureColumns::Constant(_)) {
+        if matches!(self.description.columns.temperature, TemperatureColumns::Constant(_)) {
             // What never changes has no lag.
             self.soaked = SoakSpan { session, until_ns: u64::MAX };
             return;

@@ -8,7 +8,7 @@ use isotherm_shared::table::{CoefficientTable, Content, Nominal, Refusals, nomin
 use isotherm_support::failure::{Exit, Failure};
 use std::path::Path;
 
-/// Range of the telemetry \[degC\], which a nominal table does not use.
+/// Range of the temperature \[degC\], which a nominal table does not use.
 const RANGE: [f64; 2] = [-40.0, 85.0];
 
 impl Description {

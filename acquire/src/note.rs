@@ -150,12 +150,12 @@ mod tests {
 
     fn kept(at_s: u64) -> KeptLag {
         let mut lag = Lag { boot: boot(), ..Lag::new(TAU) };
-        lag.sensors = [Some(LaggedReading { time_ns: 100 * SECOND, telemetry: 25.3, lagged: 25.1 }); 6];
+        lag.sensors = [Some(LaggedReading { time_ns: 100 * SECOND, temperature: 25.3, lagged: 25.1 }); 6];
         KeptLag { lag, sample_ns: at_s * SECOND, sent_ns: at_s * SECOND }
     }
 
-    fn sample(second: u64, telemetry: f64) -> RawSample {
-        let triad = Triad { head_temperature: [telemetry; 3], ..Triad::default() };
+    fn sample(second: u64, temperature: f64) -> RawSample {
+        let triad = Triad { head_temperature: [temperature; 3], ..Triad::default() };
         RawSample {
             timestamp_ns: second * SECOND,
             telemetry_ns: second * SECOND,
@@ -189,7 +189,7 @@ mod tests {
         for other in [1, 90, 4000].map(after) {
             assert!(other.iter().zip(&same).all(|(one, other)| (one - other).abs() < 1e-12), "{other:?} {same:?}");
         }
-        // Telemetry that comes every 50 s is on the same clock.
+        // Temperature that comes every 50 s is on the same clock.
         let mut slow = kept(100);
         (slow.sample_ns, slow.sent_ns) = (149 * SECOND, 149 * SECOND);
         assert_eq!(slow.resumed(&sample(160, 26.0), TAU, 160 * SECOND), Some(slow.lag));
@@ -219,11 +219,11 @@ mod tests {
         assert!(load().has_sent() && load().lag().is_none());
         let mut second = load();
         let mut lag = kept(100);
-        lag.lag.sensors[0] = Some(LaggedReading { time_ns: 7, telemetry: 0.1 + 0.2, lagged: 1.0 / 3.0 });
+        lag.lag.sensors[0] = Some(LaggedReading { time_ns: 7, temperature: 0.1 + 0.2, lagged: 1.0 / 3.0 });
         second.keep(&lag);
         second.end(&lag);
         let of_first = load().lag().unwrap().lag.sensors[0].unwrap();
-        assert!((of_first.telemetry - 0.3).abs() < 1e-15 && (of_first.lagged - 1.0 / 3.0).abs() < 1e-15);
+        assert!((of_first.temperature - 0.3).abs() < 1e-15 && (of_first.lagged - 1.0 / 3.0).abs() < 1e-15);
         let path = note(&domain, &imu).path();
         let text = std::fs::read_to_string(&path).unwrap();
         let of_other_start = text.replace(&boot().to_string(), &(boot() ^ 1).to_string());

@@ -31,7 +31,7 @@ impl Axes {
     }
 }
 
-/// Where the telemetry comes from.
+/// Where the temperature comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum TemperatureColumns {
     /// Places in a row of the heads A1 to G3, and of the boards.
@@ -40,7 +40,7 @@ pub(crate) enum TemperatureColumns {
         head: [usize; 2 * AXES],
         /// Of the boards.
         board: [usize; 2 * AXES],
-        /// What makes telemetry of the numbers.
+        /// What makes temperature of the numbers.
         linear: Linear,
     },
     /// The same in all samples.
@@ -92,15 +92,15 @@ pub(crate) struct Columns {
     pub(crate) accelerometer: Axes,
     /// The gyroscopes, if there are any.
     pub(crate) gyroscope: Option<Axes>,
-    /// The telemetry.
-    pub(crate) telemetry: TemperatureColumns,
+    /// The temperature.
+    pub(crate) temperature: TemperatureColumns,
     /// The status.
     pub(crate) status: Option<Status>,
     /// One pulse, in the columns' units.
     pub(crate) resolution: Resolution,
     /// The nominal interval \[ns\].
     pub(crate) interval_ns: u64,
-    /// The number of the unit; 0 = unknown.
+    /// The number of the device; 0 = unknown.
     pub(crate) device: u64,
 }
 
@@ -128,11 +128,11 @@ pub(crate) struct Assembler {
 }
 
 impl Assembler {
-    /// An assembler without telemetry, unless that is constant.
+    /// An assembler without temperature, unless that is constant.
     #[must_use]
     pub(crate) const fn new(columns: Columns) -> Self {
         let readings = Readings::new(columns.resolution, columns.interval_ns);
-        let constant = match columns.telemetry {
+        let constant = match columns.temperature {
             TemperatureColumns::Constant(constant) => [constant; 2 * AXES],
             TemperatureColumns::Columns { .. } => [f64::NAN; 2 * AXES],
         };
@@ -144,7 +144,7 @@ impl Assembler {
         self.readings.reset();
     }
 
-    /// Forgets the telemetry, too: for a device that was away.
+    /// Forgets the temperature, too: for a device that was away.
     pub(crate) const fn forget(&mut self) {
         *self = Self { interval_ns: self.interval_ns, ..Self::new(self.columns) };
     }
@@ -166,18 +166,18 @@ impl Assembler {
     /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors
     /// that are not healthy, one bit each, A1 first.
     ///
-    /// Their telemetry is NaN, so that the increment is flagged.
+    /// Their temperature is NaN, so that the increment is flagged.
     ///
     /// # Errors
     /// [`NoSample`]: the control period is missing.
     pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, u8), NoSample> {
-        self.take_telemetry(row, timestamp_ns);
+        self.take_temperature(row, timestamp_ns);
         let ratio = self.interval_ns as f64 / self.columns.interval_ns as f64;
         let accelerometer = self.columns.accelerometer.readings(row, ratio).ok_or(NoSample::Incomplete)?;
         let gyroscope =
             self.columns.gyroscope.as_ref().map(|axes| axes.readings(row, ratio).ok_or(NoSample::Incomplete));
         let gyroscope = gyroscope.transpose()?;
-        if self.heads.iter().chain(&self.boards).any(|telemetry| telemetry.is_nan()) {
+        if self.heads.iter().chain(&self.boards).any(|temperature| temperature.is_nan()) {
             return Err(NoSample::NoTemperature);
         }
         let mut raw = RawSample {
@@ -208,14 +208,14 @@ impl Assembler {
         has(&self.columns.accelerometer) && self.columns.gyroscope.as_ref().is_none_or(has)
     }
 
-    /// Takes the telemetry of a row that has some; else that of the last row stays.
-    pub(crate) fn take_telemetry(&mut self, row: &[Value], timestamp_ns: u64) {
-        let TemperatureColumns::Columns { head, board, linear } = self.columns.telemetry else { return };
+    /// Takes the temperature of a row that has some; else that of the last row stays.
+    pub(crate) fn take_temperature(&mut self, row: &[Value], timestamp_ns: u64) {
+        let TemperatureColumns::Columns { head, board, linear } = self.columns.temperature else { return };
         let mut is_new = false;
         for (last, column) in self.heads.iter_mut().chain(&mut self.boards).zip(head.iter().chain(&board)) {
-            let telemetry = row.get(*column).map_or(f64::NAN, |value| value.number * linear.scale + linear.offset);
-            if telemetry.is_finite() {
-                *last = telemetry;
+            let temperature = row.get(*column).map_or(f64::NAN, |value| value.number * linear.scale + linear.offset);
+            if temperature.is_finite() {
+                *last = temperature;
                 is_new = true;
             }
         }
@@ -225,10 +225,10 @@ impl Assembler {
     }
 }
 
-/// Makes a sample invalid: its telemetry is not finite, so that no increment is computed of it.
+/// Makes a sample invalid: its temperature is not finite, so that no increment is computed of it.
 pub(crate) fn invalidate(raw: &mut RawSample) {
     for triad in [&mut raw.accelerometers, &mut raw.gyroscopes] {
-        let is_there = triad.head_temperature.iter().any(|telemetry| !telemetry.is_nan());
+        let is_there = triad.head_temperature.iter().any(|temperature| !temperature.is_nan());
         if is_there {
             (triad.head_temperature, triad.board_temperature) = ([f64::NAN; AXES], [f64::NAN; AXES]);
         }

@@ -104,9 +104,9 @@ pub struct Tally {
     pub frames: u64,
     /// Samples made of them.
     pub samples: u64,
-    /// Samples of a device whose status is not healthy: their telemetry is NaN.
+    /// Samples of a device whose status is not healthy: their temperature is NaN.
     pub unhealthy: u64,
-    /// Samples that are invalid since the device's rate is another one: their telemetry is NaN.
+    /// Samples that are invalid since the device's rate is another one: their temperature is NaN.
     pub other_rate: u64,
     /// Times that another rate than the described one was taken for the device's.
     pub adopted: u64,

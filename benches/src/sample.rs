@@ -16,7 +16,7 @@ pub const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The sample that the benches send: an IMU at rest.
 pub fn sample() -> RawSample {
-    let telemetry = Triad {
+    let temperature = Triad {
         head_temperature: [2.4, 2.41, 2.42],
         board_temperature: [2.5, 2.51, 2.52],
         head_lagged: [2.38, 2.39, 2.4],
@@ -25,8 +25,8 @@ pub fn sample() -> RawSample {
     RawSample {
         interval_ns: 2_500_000,
         lag_ns: LAG_NS,
-        accelerometers: Triad { positive_pulses: [140, 0, 150], negative_pulses: [0, 110, 0], ..telemetry },
-        gyroscopes: Triad { positive_pulses: [20, 0, 3], negative_pulses: [0, 17, 4], ..telemetry },
+        accelerometers: Triad { positive_pulses: [140, 0, 150], negative_pulses: [0, 110, 0], ..temperature },
+        gyroscopes: Triad { positive_pulses: [20, 0, 3], negative_pulses: [0, 17, 4], ..temperature },
         ..RawSample::default()
     }
 }

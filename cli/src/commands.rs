@@ -26,7 +26,7 @@ mod simulate;
 mod top;
 mod verify;
 
-pub(crate) use calibrate::replacement;
+pub(crate) use calibrate::{renamed_options, replacement};
 
 use clap::Subcommand;
 use isotherm_client::Domain;

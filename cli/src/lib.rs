@@ -80,12 +80,15 @@ pub fn main() -> ExitCode {
     let arguments: Vec<_> = env::args_os().collect();
     common::exit_code("isotherm", || match Cli::full_command().try_get_matches_from(&arguments) {
         Ok(matches) => Ok(Cli::from_arg_matches(&matches)?.run()),
-        Err(error) => match commands::replacement(arguments.get(1..).unwrap_or_default()) {
-            Some(line) if error.use_stderr() => {
-                let message = format!("calibrate has a subcommand for each way to measure: {line}");
-                Ok(Err(Failure::new(Exit::Usage, message)))
+        Err(error) => {
+            let arguments = arguments.get(1..).unwrap_or_default();
+            let subcommand = commands::replacement(arguments)
+                .map(|line| format!("calibrate has a subcommand for each way to measure: {line}"));
+            let renamed = [subcommand, commands::renamed_options(arguments)].into_iter().flatten().collect::<Vec<_>>();
+            match error.use_stderr() && !renamed.is_empty() {
+                true => Ok(Err(Failure::new(Exit::Usage, renamed.join("\n")))),
+                false => Err(error),
             }
-            _ => Err(error),
-        },
+        }
     })
 }

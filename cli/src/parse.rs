@@ -35,7 +35,7 @@ pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     size.ok_or_else(|| "give a number of bytes over 0, as 500M or 2G".to_owned())
 }
 
-/// A time constant of lagged telemetry \[ns\]: a number of seconds, or `none` for 0.
+/// A time constant of lagged temperature \[ns\]: a number of seconds, or `none` for 0.
 pub(crate) fn lag(text: &str) -> Result<u64, String> {
     if text == "none" {
         return Ok(0);

@@ -11,7 +11,7 @@
  *     isotherm_compensated_increment increment;
  *     isotherm_reading(acquisition, 0, 2.513, 1000000);      // a new temperature of A1; the same for the other sensors
  *     if (isotherm_loan(acquisition, &sample) == ISOTHERM_OK) {
- *         sample->interval_ns = 2500000;                     // and timestamps, pulses, telemetry
+ *         sample->interval_ns = 2500000;                     // and timestamps, pulses, temperature
  *         if (isotherm_compensate(acquisition, sample, 10000000, &increment) == ISOTHERM_OK)
  *             printf("%g m/s, %g rad\n", increment.velocity_increment[0], increment.angle_increment[0]);
  *     }
@@ -81,77 +81,77 @@
 #define ISOTHERM_MOST_KEPT 16384
 
 /**
- * Head telemetry of A1 below the bias range.
+ * Head temperature of A1 below the bias range.
  */
 #define ISOTHERM_FLAG_A1_HEAD_BELOW (UINT64_C(1) << 0)
 
 /**
- * Head telemetry of A2 below the bias range.
+ * Head temperature of A2 below the bias range.
  */
 #define ISOTHERM_FLAG_A2_HEAD_BELOW (UINT64_C(1) << 1)
 
 /**
- * Head telemetry of A3 below the bias range.
+ * Head temperature of A3 below the bias range.
  */
 #define ISOTHERM_FLAG_A3_HEAD_BELOW (UINT64_C(1) << 2)
 
 /**
- * Head telemetry of A1 above the bias range.
+ * Head temperature of A1 above the bias range.
  */
 #define ISOTHERM_FLAG_A1_HEAD_ABOVE (UINT64_C(1) << 3)
 
 /**
- * Head telemetry of A2 above the bias range.
+ * Head temperature of A2 above the bias range.
  */
 #define ISOTHERM_FLAG_A2_HEAD_ABOVE (UINT64_C(1) << 4)
 
 /**
- * Head telemetry of A3 above the bias range.
+ * Head temperature of A3 above the bias range.
  */
 #define ISOTHERM_FLAG_A3_HEAD_ABOVE (UINT64_C(1) << 5)
 
 /**
- * Board telemetry of A1 below the range of K+ or K-.
+ * Board temperature of A1 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A1_BOARD_BELOW (UINT64_C(1) << 6)
 
 /**
- * Board telemetry of A2 below the range of K+ or K-.
+ * Board temperature of A2 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A2_BOARD_BELOW (UINT64_C(1) << 7)
 
 /**
- * Board telemetry of A3 below the range of K+ or K-.
+ * Board temperature of A3 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A3_BOARD_BELOW (UINT64_C(1) << 8)
 
 /**
- * Board telemetry of A1 above the range of K+ or K-.
+ * Board temperature of A1 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A1_BOARD_ABOVE (UINT64_C(1) << 9)
 
 /**
- * Board telemetry of A2 above the range of K+ or K-.
+ * Board temperature of A2 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A2_BOARD_ABOVE (UINT64_C(1) << 10)
 
 /**
- * Board telemetry of A3 above the range of K+ or K-.
+ * Board temperature of A3 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_A3_BOARD_ABOVE (UINT64_C(1) << 11)
 
 /**
- * Telemetry of A1 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of A1 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_A1_NOT_FINITE (UINT64_C(1) << 12)
 
 /**
- * Telemetry of A2 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of A2 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_A2_NOT_FINITE (UINT64_C(1) << 13)
 
 /**
- * Telemetry of A3 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of A3 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_A3_NOT_FINITE (UINT64_C(1) << 14)
 
@@ -181,7 +181,7 @@
 #define ISOTHERM_FLAG_NO_TABLE (UINT64_C(1) << 19)
 
 /**
- * The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period.
+ * The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period.
  */
 #define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
 
@@ -192,7 +192,7 @@
 #define ISOTHERM_FLAG_LAG_UNKNOWN (UINT64_C(1) << 21)
 
 /**
- * The sample is of another unit than the table's.
+ * The sample is of another device than the table's.
  */
 #define ISOTHERM_FLAG_OTHER_DEVICE (UINT64_C(1) << 22)
 
@@ -224,77 +224,77 @@
 #define ISOTHERM_FLAG_SESSION (UINT64_C(1) << 27)
 
 /**
- * Head telemetry of G1 below the bias range.
+ * Head temperature of G1 below the bias range.
  */
 #define ISOTHERM_FLAG_G1_HEAD_BELOW (UINT64_C(1) << 32)
 
 /**
- * Head telemetry of G2 below the bias range.
+ * Head temperature of G2 below the bias range.
  */
 #define ISOTHERM_FLAG_G2_HEAD_BELOW (UINT64_C(1) << 33)
 
 /**
- * Head telemetry of G3 below the bias range.
+ * Head temperature of G3 below the bias range.
  */
 #define ISOTHERM_FLAG_G3_HEAD_BELOW (UINT64_C(1) << 34)
 
 /**
- * Head telemetry of G1 above the bias range.
+ * Head temperature of G1 above the bias range.
  */
 #define ISOTHERM_FLAG_G1_HEAD_ABOVE (UINT64_C(1) << 35)
 
 /**
- * Head telemetry of G2 above the bias range.
+ * Head temperature of G2 above the bias range.
  */
 #define ISOTHERM_FLAG_G2_HEAD_ABOVE (UINT64_C(1) << 36)
 
 /**
- * Head telemetry of G3 above the bias range.
+ * Head temperature of G3 above the bias range.
  */
 #define ISOTHERM_FLAG_G3_HEAD_ABOVE (UINT64_C(1) << 37)
 
 /**
- * Board telemetry of G1 below the range of K+ or K-.
+ * Board temperature of G1 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G1_BOARD_BELOW (UINT64_C(1) << 38)
 
 /**
- * Board telemetry of G2 below the range of K+ or K-.
+ * Board temperature of G2 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G2_BOARD_BELOW (UINT64_C(1) << 39)
 
 /**
- * Board telemetry of G3 below the range of K+ or K-.
+ * Board temperature of G3 below the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G3_BOARD_BELOW (UINT64_C(1) << 40)
 
 /**
- * Board telemetry of G1 above the range of K+ or K-.
+ * Board temperature of G1 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G1_BOARD_ABOVE (UINT64_C(1) << 41)
 
 /**
- * Board telemetry of G2 above the range of K+ or K-.
+ * Board temperature of G2 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G2_BOARD_ABOVE (UINT64_C(1) << 42)
 
 /**
- * Board telemetry of G3 above the range of K+ or K-.
+ * Board temperature of G3 above the range of K+ or K-.
  */
 #define ISOTHERM_FLAG_G3_BOARD_ABOVE (UINT64_C(1) << 43)
 
 /**
- * Telemetry of G1 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of G1 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_G1_NOT_FINITE (UINT64_C(1) << 44)
 
 /**
- * Telemetry of G2 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of G2 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_G2_NOT_FINITE (UINT64_C(1) << 45)
 
 /**
- * Telemetry of G3 NaN or infinite; the increment is NaN under any policy.
+ * Temperature of G3 NaN or infinite; the increment is NaN under any policy.
  */
 #define ISOTHERM_FLAG_G3_NOT_FINITE (UINT64_C(1) << 46)
 
@@ -528,12 +528,12 @@ typedef struct {
      */
     uint64_t timeout_ns;
     /**
-     * Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the
+     * Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than the
      * table's. Outer blanks do not count.
      */
     const char *serial;
     /**
-     * Time constant of the lagged telemetry [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+     * Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
      */
     double lag_s;
 } isotherm_options;
@@ -551,21 +551,21 @@ typedef struct {
      */
     uint32_t negative_pulses[3];
     /**
-     * Telemetry of the sensing element, in the table's unit; it drives the bias.
+     * Temperature of the sensing element, in the table's unit; it drives the bias.
      */
     double head_temperature[3];
     /**
-     * Telemetry of the converter board, in the table's unit; it drives both scale factors.
+     * Temperature of the converter board, in the table's unit; it drives both scale factors.
      */
     double board_temperature[3];
     /**
-     * The head telemetry behind a first-order lag of `lag_ns` of the sample, in the table's unit; unused if that is 0.
+     * The head temperature behind a first-order lag of `lag_ns` of the sample, in the table's unit; unused if that is 0.
      */
     double head_lagged[3];
 } isotherm_triad;
 
 /**
- * One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
+ * One control period as the acquisition saw it: the pulses of both channels and the latest temperature.
  */
 typedef struct {
     /**
@@ -593,7 +593,7 @@ typedef struct {
      */
     uint64_t telemetry_ns;
     /**
-     * Time constant of the lagged telemetry [ns]; 0 = there is none.
+     * Time constant of the lagged temperature [ns]; 0 = there is none.
      */
     uint64_t lag_ns;
     /**
@@ -605,7 +605,7 @@ typedef struct {
      */
     isotherm_triad accelerometers;
     /**
-     * G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0).
+     * G1, G2, G3; where the IMU has none, no pulses and temperature NaN (or 0).
      */
     isotherm_triad gyroscopes;
 } isotherm_raw_sample;
@@ -654,23 +654,23 @@ typedef struct {
 } isotherm_compensated_increment;
 
 /**
- * The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
+ * The state of one sensor's lag: its last reading, and the lagged temperature at that time.
  */
 typedef struct {
     /**
-     * When the telemetry was measured, on the acquisition's clock [ns].
+     * When the temperature was measured, on the acquisition's clock [ns].
      */
     uint64_t time_ns;
     /**
-     * Head telemetry, in the table's unit.
+     * Head temperature, in the table's unit.
      */
     double telemetry;
     /**
-     * Lagged telemetry, in the table's unit; NaN before the first reading.
+     * Lagged temperature, in the table's unit; NaN before the first reading.
      */
     double lagged;
     /**
-     * The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
+     * The share of the lagged temperature that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
      * Over 0.05 samples are sent without it.
      */
     double unknown;
@@ -745,7 +745,7 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
  * discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already, the gyroscopes' telemetry is NaN, all other fields are 0. Set them, except
+ * `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them, except
  * `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
  * highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
  * flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
@@ -771,7 +771,7 @@ isotherm_code isotherm_discard(isotherm_acquisition *acquisition, isotherm_raw_s
 isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
+ * Adds the next control period to a sample: pulses and intervals are summed, timestamp, temperature and device become
  * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
  * sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
  * isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
@@ -789,7 +789,7 @@ isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
 
 /**
  * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
- * `lag_ns` with the lagged telemetry, where they are 0.
+ * `lag_ns` with the lagged temperature, where they are 0.
  *
  * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -803,7 +803,7 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
  * waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
  *
  * Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
- * something: another unit, a missing interval, telemetry that is not finite on one side, time that is missing between
+ * something: another unit, a missing interval, temperature that is not finite on one side, time that is missing between
  * the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
  * ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
  * table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
@@ -812,7 +812,7 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
  *
  * Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
  * those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
- * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this
+ * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged temperature is that of the time of this
  * call.
  *
  * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
@@ -925,8 +925,8 @@ isotherm_code isotherm_begin_session(isotherm_acquisition *acquisition);
 const char *isotherm_error_message(void);
 
 /**
- * Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every
- * sample that is sent later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+ * Takes a new reading of a sensor's head temperature, in the table's unit, measured at `time_ns` on your clock. Every
+ * sample that is sent later carries the lagged temperature of all readings so far, in `lag_ns` and `head_lagged`.
  *
  * `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
  * measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
@@ -954,8 +954,8 @@ uint64_t isotherm_lag_ns(const isotherm_acquisition *acquisition);
 isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isotherm_lag *lag);
 
 /**
- * Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
- * sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
+ * Goes on with a state that was saved, on the same clock, as if the temperature had gone straight on in the pause. A
+ * sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one, which
  * is then of another clock, is unknown as after isotherm_forget_lag.
  *
  * Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
@@ -1062,7 +1062,7 @@ int64_t isotherm_reader_lost_before(const isotherm_reader *reader);
 /**
  * Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`
  * [rad/s] about G1, G2, G3, each the mean over the sample's interval. `angular_rate` is NULL for an IMU without
- * gyroscopes: they become absent, with telemetry NaN.
+ * gyroscopes: they become absent, with temperature NaN.
  *
  * An `interval_ns` of 0 in the sample becomes the nominal one. Another one, such as the measured interval or that of
  * several samples in one, is kept, and the pulses are those of that interval. All other fields stay. Nothing is
@@ -1122,7 +1122,7 @@ uint64_t isotherm_boot(void);
 isotherm_code isotherm_realtime(int32_t core, int32_t priority, bool lock_memory, uint64_t timer_slack_ns);
 
 /**
- * The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the
+ * The number of the device with this serial number, which every sample carries in `device`: the first 8 bytes of the
  * SHA-256 of its UTF-8, big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not
  * UTF-8.
  */
@@ -1178,8 +1178,8 @@ ISOTHERM_ASSERT(sizeof(isotherm_readings) == 72);
 #undef ISOTHERM_ASSERT
 
 /**
- * A sample of your own, of an IMU without gyroscopes, as isotherm_loan gives it: all 0, the gyroscopes' telemetry NaN, so that a
- * table with gyroscopes gives NaN and flags it. A zeroed sample has telemetry 0. For C and C++.
+ * A sample of your own, of an IMU without gyroscopes, as isotherm_loan gives it: all 0, the gyroscopes' temperature NaN, so that a
+ * table with gyroscopes gives NaN and flags it. A zeroed sample has temperature 0. For C and C++.
  */
 #define ISOTHERM_RAW_SAMPLE_INIT \
     {0, 0, 0, 0, 0, 0, 0, 0, {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}}, \

@@ -3,7 +3,7 @@
 //     isotherm::Acquisition acquisition("imu-a", {.serial = "SN 42"});     // from C++20 on; before, set the fields of an Options
 //     acquisition.reading(0, 2.513, 1'000'000);            // a new temperature of A1; the same for the other sensors
 //     auto sample = acquisition.loan();                    // in shared memory; stands for a control period
-//     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, telemetry
+//     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, temperature
 //     if (auto increment = acquisition.compensate(sample, 10ms))
 //         use(increment->velocity_increment, increment->angle_increment);
 //     // Else it is still yours if the service has no room: keep it (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
@@ -179,9 +179,9 @@ struct Options {
     std::optional<std::string> domain = std::nullopt;
     /// How long connecting may take. This includes waiting for a service that has not started yet. 0 does not wait.
     std::chrono::nanoseconds timeout = std::chrono::seconds(5);
-    /// Serial number of the unit whose samples an acquisition sends, in UTF-8. The service flags samples of another unit than the table's.
+    /// Serial number of the device whose samples an acquisition sends, in UTF-8. The service flags samples of another device than the table's.
     std::optional<std::string> serial = std::nullopt;
-    /// Time constant of the lagged telemetry of an acquisition [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+    /// Time constant of the lagged temperature of an acquisition [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     double lag_s = ISOTHERM_LAG_SERVICE;
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
@@ -265,7 +265,7 @@ public:
     explicit Acquisition(const std::string &imu, const Options &options = {}) : Acquisition(connect(imu, options)) {}
 #endif
 
-    /// Takes a new reading of a sensor's head telemetry, measured at `time_ns` on your clock. `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3.
+    /// Takes a new reading of a sensor's head temperature, measured at `time_ns` on your clock. `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3.
     /// Call it once for each new measurement of every sensor, not for each sample. Not part of the sending path.
     Result<void> reading(std::uint32_t sensor, double telemetry, std::uint64_t time_ns)
     {
@@ -527,7 +527,7 @@ inline std::string flags_text(std::uint64_t flags)
     return text;
 }
 
-/// The number of the unit with this serial number, which every sample carries in `device`.
+/// The number of the device with this serial number, which every sample carries in `device`.
 inline std::uint64_t device(const std::string &serial) noexcept { return isotherm_device(serial.c_str()); }
 
 /// Real-time settings of the calling thread. A setting that is not given stays unchanged.

@@ -50,7 +50,7 @@ const JOIN_PAUSE_NS: u64 = 20_000_000;
 pub struct Acquisition {
     imu: ImuId,
     domain: Domain,
-    /// Number of the unit, for every sample.
+    /// Number of the device, for every sample.
     device: u64,
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
@@ -161,7 +161,7 @@ impl Acquisition {
     }
 
     /// Completes a copy of a sample as [`send`](Self::send) would now: session, and, where they are 0, `device` and
-    /// `lag_ns` with the lagged telemetry. What is recorded so replays to the increment of the service.
+    /// `lag_ns` with the lagged temperature. What is recorded so replays to the increment of the service.
     pub fn complete(&self, sample: &mut RawSample) {
         sample.session = self.state.session();
         if sample.device == 0 {
@@ -259,7 +259,7 @@ impl Acquisition {
     /// While the acquisition is cut off from the service, since the shared memory was removed, the sample counts as
     /// sent and unanswered, and is sent when it has joined again.
     ///
-    /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged telemetry, where they are 0. A
+    /// Sets `session` and `sent_ns`; also `device`, and `lag_ns` with the lagged temperature, where they are 0. A
     /// recorder whose queue is full is not an error.
     ///
     /// # Errors

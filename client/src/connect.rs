@@ -55,10 +55,10 @@ pub struct Options {
     pub domain: Domain,
     /// How long connecting may take. This includes waiting for a service that has not started yet.
     pub timeout: Duration,
-    /// Serial number of the unit whose samples an acquisition sends; `None` if it is not known. The service flags
-    /// samples of another unit than the table's. Outer blanks do not count.
+    /// Serial number of the device whose samples an acquisition sends; `None` if it is not known. The service flags
+    /// samples of another device than the table's. Outer blanks do not count.
     pub serial: Option<String>,
-    /// Which time constant the lagged telemetry of an acquisition has.
+    /// Which time constant the lagged temperature of an acquisition has.
     pub lag: LagOption,
 }
 

@@ -189,10 +189,10 @@ impl Sum {
 }
 
 /// Whether nothing about a control period would vanish, or spoil the others, in a sum with the one before it: both have
-/// an interval and are of the same unit, the same sensors have telemetry, and no time is missing between them.
+/// an interval and are of the same unit, the same sensors have temperature, and no time is missing between them.
 fn are_alike(before: &RawSample, later: &RawSample) -> bool {
     let finite = |triad: &Triad| {
-        [triad.head_temperature, triad.board_temperature].map(|telemetry| telemetry.map(f64::is_finite))
+        [triad.head_temperature, triad.board_temperature].map(|temperature| temperature.map(f64::is_finite))
     };
     let step = time_step(
         Period { session: later.session, sequence: later.sequence.wrapping_sub(1), ..Period::from(before) },

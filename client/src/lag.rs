@@ -1,4 +1,4 @@
-//! The lagged telemetry of live samples: an acquisition feeds its readings, and every sample that it sends carries the
+//! The lagged temperature of live samples: an acquisition feeds its readings, and every sample that it sends carries the
 //! state.
 
 use crate::clock::{boot, monotonic_ns};
@@ -208,11 +208,11 @@ impl AcquisitionLag {
         }
     }
 
-    pub(crate) fn read(&mut self, sensor: Sensor, telemetry: f64, time_ns: u64) {
+    pub(crate) fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {
         if self.option != LagOption::None {
             self.fed |= 1 << sensor as u8;
             self.check_clock(sensor as usize, time_ns);
-            self.lag.read(sensor as usize, telemetry, time_ns);
+            self.lag.read(sensor as usize, temperature, time_ns);
         }
     }
 
@@ -236,7 +236,7 @@ impl AcquisitionLag {
         }
     }
 
-    /// A new session is soaked at its first telemetry.
+    /// A new session is soaked at its first temperature.
     pub(crate) const fn reset(&mut self) {
         self.lag.reset();
         self.restored = 0;
@@ -254,7 +254,7 @@ impl AcquisitionLag {
         for (sensor, (reading, share)) in kept.sensors.iter().zip(kept.unknown).enumerate() {
             self.lag.forget(sensor);
             if !is_of_another_boot
-                && reading.is_some_and(|reading| reading.telemetry.is_finite() && reading.lagged.is_finite())
+                && reading.is_some_and(|reading| reading.temperature.is_finite() && reading.lagged.is_finite())
             {
                 self.lag.sensors[sensor] = *reading;
                 self.lag.unknown[sensor] = if (0.0..=1.0).contains(&share) { share } else { 1.0 };
@@ -264,7 +264,7 @@ impl AcquisitionLag {
         self.restored = self.fed;
     }
 
-    /// Fills time constant and lagged telemetry into a sample, unless the application has done so or feeds no readings.
+    /// Fills time constant and lagged temperature into a sample, unless the application has done so or feeds no readings.
     #[inline]
     pub(crate) fn fill(&self, raw: &mut RawSample) {
         if raw.lag_ns == 0 && self.lag.lag_ns != 0 && self.fed != 0 {
@@ -275,12 +275,12 @@ impl AcquisitionLag {
         }
     }
 
-    /// Whether the lagged telemetry of a sensor is known: it has been fed, since it was soaked or for long enough.
+    /// Whether the lagged temperature of a sensor is known: it has been fed, since it was soaked or for long enough.
     fn knows(&self, sensor: usize) -> bool {
         self.fed & 1 << sensor != 0 && self.lag.is_known(sensor)
     }
 
-    /// Lagged telemetry that is unknown is not equal to the telemetry. So the increments of the sensor will be flagged,
+    /// Lagged temperature that is unknown is not equal to the temperature. So the increments of the sensor will be flagged,
     /// except for gyroscopes that the IMU does not have.
     fn mark_unknown(&self, raw: &mut RawSample) {
         for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
@@ -301,11 +301,11 @@ mod tests {
     use isotherm_shared::lag::LaggedReading;
     use isotherm_shared::wire::Triad;
 
-    const TELEMETRY: f64 = 2.5;
+    const TEMPERATURE: f64 = 2.5;
 
     fn sample(gyroscopes: f64) -> RawSample {
         let triad = |head| Triad { head_temperature: [head; AXES], ..Triad::default() };
-        RawSample { accelerometers: triad(TELEMETRY), gyroscopes: triad(gyroscopes), ..RawSample::default() }
+        RawSample { accelerometers: triad(TEMPERATURE), gyroscopes: triad(gyroscopes), ..RawSample::default() }
     }
 
     fn fixed() -> AcquisitionLag {
@@ -331,11 +331,11 @@ mod tests {
         let mut lag = fixed();
         for (sensor, _) in Sensor::NAMES {
             lag.read(sensor, 2.0, 1_000_000_000);
-            lag.read(sensor, TELEMETRY, 2_000_000_000);
+            lag.read(sensor, TEMPERATURE, 2_000_000_000);
         }
-        let sent = filled(&lag, sample(TELEMETRY));
+        let sent = filled(&lag, sample(TEMPERATURE));
         assert_eq!(sent.lag_ns, 10_000_000_000);
-        // The telemetry rose by 0.5 in a tenth of the time constant: L = U - 0.5 * (1 - exp(-0.1)) / 0.1.
+        // The temperature rose by 0.5 in a tenth of the time constant: L = U - 0.5 * (1 - exp(-0.1)) / 0.1.
         let expected = 2.5 - 0.5 * (1.0 - (-0.1_f64).exp()) / 0.1;
         for lagged in [sent.accelerometers.head_lagged, sent.gyroscopes.head_lagged].as_flattened() {
             assert!((lagged - expected).abs() < 1e-14, "{lagged} {expected}");
@@ -345,27 +345,27 @@ mod tests {
     #[test]
     fn what_the_application_fills_in_stays() {
         let mut lag = fixed();
-        lag.read(Sensor::A1, TELEMETRY, 1);
+        lag.read(Sensor::A1, TEMPERATURE, 1);
         let own = RawSample { lag_ns: 7, ..sample(0.0) };
         assert_eq!(filled(&lag, own), own);
         let mut none = AcquisitionLag::new(LagOption::None);
-        none.read(Sensor::A1, TELEMETRY, 1);
+        none.read(Sensor::A1, TEMPERATURE, 1);
         assert_eq!(filled(&none, sample(0.0)), sample(0.0));
     }
 
     #[test]
     fn a_sensor_that_is_not_fed_is_unknown() {
         let mut lag = fixed();
-        assert_eq!(filled(&lag, sample(TELEMETRY)), sample(TELEMETRY), "no reading: no lag");
+        assert_eq!(filled(&lag, sample(TEMPERATURE)), sample(TEMPERATURE), "no reading: no lag");
         for sensor in [Sensor::A1, Sensor::A2, Sensor::A3] {
-            lag.read(sensor, TELEMETRY, 1);
+            lag.read(sensor, TEMPERATURE, 1);
         }
         let known = |triad: Triad| triad.head_lagged.map(f64::is_finite);
-        let sent = filled(&lag, sample(TELEMETRY));
+        let sent = filled(&lag, sample(TEMPERATURE));
         assert_eq!((known(sent.accelerometers), known(sent.gyroscopes)), ([true; 3], [false; 3]));
         assert!(filled(&lag, sample(0.0)).gyroscopes.is_absent(), "an IMU without gyroscopes sends none");
-        lag.read(Sensor::G2, TELEMETRY, 1);
-        assert_eq!(known(filled(&lag, sample(TELEMETRY)).gyroscopes), [false, true, false]);
+        lag.read(Sensor::G2, TEMPERATURE, 1);
+        assert_eq!(known(filled(&lag, sample(TEMPERATURE)).gyroscopes), [false, true, false]);
     }
 
     #[test]
@@ -383,7 +383,7 @@ mod tests {
         assert_eq!(filled(&next, now), sent);
     }
 
-    /// Known lagged telemetry of the six sensors of a sample.
+    /// Known lagged temperature of the six sensors of a sample.
     fn known(lag: &AcquisitionLag, sample: RawSample) -> [bool; SENSORS] {
         let sent = filled(lag, sample);
         let [[a1, a2, a3], [g1, g2, g3]] =
@@ -395,28 +395,28 @@ mod tests {
     fn without_a_state_nothing_is_known_until_three_time_constants_have_passed() {
         let mut lag = fixed();
         lag.restore(&Lag::default());
-        assert_eq!(filled(&lag, sample(TELEMETRY)), sample(TELEMETRY), "no reading: no lag");
+        assert_eq!(filled(&lag, sample(TEMPERATURE)), sample(TEMPERATURE), "no reading: no lag");
         for second in 0..40 {
-            lag.follow(&RawSample { telemetry_ns: 1 + second * 1_000_000_000, ..sample(TELEMETRY) });
-            assert_eq!(known(&lag, sample(TELEMETRY)), [second >= 30; SENSORS], "after {second} s");
+            lag.follow(&RawSample { telemetry_ns: 1 + second * 1_000_000_000, ..sample(TEMPERATURE) });
+            assert_eq!(known(&lag, sample(TEMPERATURE)), [second >= 30; SENSORS], "after {second} s");
             // What is not known is handed over as that.
             let mut next = fixed();
             next.restore(lag.state());
-            assert_eq!(known(&next, sample(TELEMETRY)), [second >= 30; SENSORS], "after {second} s");
+            assert_eq!(known(&next, sample(TEMPERATURE)), [second >= 30; SENSORS], "after {second} s");
         }
         // An IMU without gyroscopes sends none.
         lag.restore(&Lag::default());
         lag.follow(&RawSample { telemetry_ns: 1, ..sample(0.0) });
         assert_eq!(filled(&lag, sample(0.0)).gyroscopes, Triad::default());
         lag.reset();
-        lag.follow(&RawSample { telemetry_ns: 1, ..sample(TELEMETRY) });
-        assert_eq!(known(&lag, sample(TELEMETRY)), [true; SENSORS], "a new session is soaked");
+        lag.follow(&RawSample { telemetry_ns: 1, ..sample(TEMPERATURE) });
+        assert_eq!(known(&lag, sample(TEMPERATURE)), [true; SENSORS], "a new session is soaked");
     }
 
     #[test]
     fn readings_of_another_start_of_the_machine_are_unknown() {
         let mut lag = fixed();
-        let (kept, own) = (sample(TELEMETRY), *lag.state());
+        let (kept, own) = (sample(TEMPERATURE), *lag.state());
         assert_eq!(own.boot, boot());
         lag.follow(&RawSample { telemetry_ns: 1, ..kept });
         let mut saved = *lag.state();
@@ -434,7 +434,7 @@ mod tests {
 
     #[test]
     fn a_kept_reading_of_another_clock_or_of_no_value_is_unknown() {
-        let reading = |time_ns, lagged| Some(LaggedReading { time_ns, telemetry: 2.0, lagged });
+        let reading = |time_ns, lagged| Some(LaggedReading { time_ns, temperature: 2.0, lagged });
         let (mut kept, late) = (Lag::new(0), 1_000_000_000);
         kept.sensors =
             [reading(5, 2.0), reading(late, 2.0), None, reading(5, f64::NAN), reading(5, 2.0), reading(5, 2.0)];
@@ -442,13 +442,13 @@ mod tests {
         let right = [true, false, false, false, false, false];
         let mut lag = fixed();
         lag.restore(&kept);
-        Sensor::NAMES.iter().for_each(|(sensor, _)| lag.read(*sensor, TELEMETRY, 10));
-        assert_eq!(known(&lag, sample(TELEMETRY)), right);
+        Sensor::NAMES.iter().for_each(|(sensor, _)| lag.read(*sensor, TEMPERATURE, 10));
+        assert_eq!(known(&lag, sample(TEMPERATURE)), right);
         lag.restore(&kept);
-        lag.follow(&RawSample { timestamp_ns: 10, ..sample(TELEMETRY) });
-        assert_eq!(known(&lag, sample(TELEMETRY)), right);
+        lag.follow(&RawSample { timestamp_ns: 10, ..sample(TEMPERATURE) });
+        assert_eq!(known(&lag, sample(TEMPERATURE)), right);
         // Later the clock is the acquisition's own: a reading of an earlier time keeps L.
-        lag.read(Sensor::A1, TELEMETRY, 7);
-        assert_eq!(known(&lag, sample(TELEMETRY)), right);
+        lag.read(Sensor::A1, TEMPERATURE, 7);
+        assert_eq!(known(&lag, sample(TEMPERATURE)), right);
     }
 }

@@ -1,8 +1,8 @@
-//! Which time constant the lagged telemetry of an acquisition has.
+//! Which time constant the lagged temperature of an acquisition has.
 
 use isotherm_shared::table::LAG_RANGE;
 
-/// A valid time constant of the lagged telemetry: 0.1 s to one day.
+/// A valid time constant of the lagged temperature: 0.1 s to one day.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct TimeConstant(u64);
 
@@ -38,10 +38,10 @@ impl TimeConstant {
 
 /// A number that cannot be a time constant.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{0} s cannot be the time constant of the lagged telemetry; give {low} to {high} s", low = LAG_RANGE[0], high = LAG_RANGE[1])]
+#[error("{0} s cannot be the time constant of the lagged temperature; give {low} to {high} s", low = LAG_RANGE[0], high = LAG_RANGE[1])]
 pub struct InvalidTimeConstant(f64);
 
-/// Which time constant the lagged telemetry has that an acquisition sends.
+/// Which time constant the lagged temperature has that an acquisition sends.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum LagOption {
     /// That of the table in force, from the status of the service: as it is when the acquisition connects, and again

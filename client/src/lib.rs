@@ -9,7 +9,7 @@
 //!
 //! # struct Latched {
 //! #     accelerometers: Triad, gyroscopes: Triad, timestamp_ns: u64,
-//! #     new_telemetry: Vec<(Sensor, f64, u64)>, telemetry_ns: u64,
+//! #     new_temperature: Vec<(Sensor, f64, u64)>, telemetry_ns: u64,
 //! # }
 //! # fn latch() -> Option<Latched> { None }
 //! fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -20,15 +20,15 @@
 //!
 //!     // Your hardware latches the counts at the end of each control period.
 //!     while let Some(latched) = latch() {
-//!         // Telemetry that has been measured since the last period; in most periods there is none.
-//!         for (sensor, value, measured_ns) in latched.new_telemetry {
+//!         // Temperature that has been measured since the last period; in most periods there is none.
+//!         for (sensor, value, measured_ns) in latched.new_temperature {
 //!             acquisition.lag().read(sensor, value, measured_ns);
 //!         }
 //!         let mut raw = acquisition.loan()?;            // in shared memory; sending does not copy it
 //!         raw.timestamp_ns = latched.timestamp_ns;      // end of the period, your clock
 //!         raw.telemetry_ns = latched.telemetry_ns;      // when the temperatures were measured, your clock
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
-//!         raw.accelerometers = latched.accelerometers;  // pulses of both channels, and telemetry in the table's unit
+//!         raw.accelerometers = latched.accelerometers;  // pulses of both channels, and temperature in the table's unit
 //!         raw.gyroscopes = latched.gyroscopes;          // leave them out where the IMU has none
 //!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
 //!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);

@@ -4,8 +4,8 @@
  *     acquisition IMU RECORDING.csv [STATE [unknown]]
  *
  * Several samples are in flight at once. None is lost when the service is restarted meanwhile. Replace next_sample() and the test
- * whether telemetry is new by your hardware. STATE is the file in which the lag of the telemetry is kept: a program that is started
- * again with it goes on as if the telemetry had gone straight on in the pause. Where there is no such file, the IMU is taken to be soaked;
+ * whether temperature is new by your hardware. STATE is the file in which the lag of the temperature is kept: a program that is started
+ * again with it goes on as if the temperature had gone straight on in the pause. Where there is no such file, the IMU is taken to be soaked;
  * with `unknown`, increments are flagged until three time constants have passed. The environment variable ISOTHERM_DOMAIN names the domain.
  */
 #include <errno.h>

@@ -21,8 +21,8 @@
 #define PERIOD_NS 2500000u
 /* An increment that takes longer is late. It leaves time for the rest of the period. */
 #define TIMEOUT_NS 1000000u
-/* Telemetry is measured every 40th period: ten times a second. */
-#define TELEMETRY_PERIODS 40u
+/* Temperature is measured every 40th period: ten times a second. */
+#define TEMPERATURE_PERIODS 40u
 /* prepare() takes some ten microseconds in cold caches. */
 #define PREPARE_NS 100000u
 
@@ -65,7 +65,7 @@ static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sampl
     static double temperature;
     static uint64_t measured;
     double force[3], rate[3], now = read_imu(period, force, rate);
-    if (period % TELEMETRY_PERIODS == 0) {
+    if (period % TEMPERATURE_PERIODS == 0) {
         /* A new measurement. The library keeps its lag; a value that is only repeated is not given again. */
         temperature = now;
         measured = end;

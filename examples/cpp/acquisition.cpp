@@ -2,7 +2,7 @@
 //
 //     acquisition IMU RECORDING.csv
 //
-// Replace next_sample() and the test whether telemetry is new by your hardware. The environment variable ISOTHERM_DOMAIN names the domain.
+// Replace next_sample() and the test whether temperature is new by your hardware. The environment variable ISOTHERM_DOMAIN names the domain.
 #include <array>
 #include <cinttypes>
 #include <cstdio>
@@ -20,7 +20,7 @@ static isotherm::Triad &triad_of(isotherm::RawSample &sample, unsigned sensor)
     return sensor < 3 ? sample.accelerometers : sample.gyroscopes;
 }
 
-// Fills in a sample from the next row: sequence, timestamp, interval, and pulses and telemetry of each sensor. False at the end.
+// Fills in a sample from the next row: sequence, timestamp, interval, and pulses and temperature of each sensor. False at the end.
 static bool next_sample(std::istream &recording, unsigned sensors, isotherm::RawSample &sample)
 {
     std::string line;

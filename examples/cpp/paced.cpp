@@ -20,8 +20,8 @@ using Clock = std::chrono::steady_clock;
 constexpr auto PERIOD = 2500us;
 // An increment that takes longer is late. It leaves time for the rest of the period.
 constexpr auto TIMEOUT = 1ms;
-// Telemetry is measured every 40th period: ten times a second.
-constexpr unsigned TELEMETRY_PERIODS = 40;
+// Temperature is measured every 40th period: ten times a second.
+constexpr unsigned TEMPERATURE_PERIODS = 40;
 // prepare() takes some ten microseconds in cold caches.
 constexpr auto PREPARE = 100us;
 
@@ -89,7 +89,7 @@ private:
     {
         const auto reading = read_imu(period);
         sample.timestamp_ns = static_cast<std::uint64_t>(std::chrono::nanoseconds(end.time_since_epoch()).count());
-        if (period % TELEMETRY_PERIODS == 0) {
+        if (period % TEMPERATURE_PERIODS == 0) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             temperature_ = reading.temperature;
             measured_ = sample.timestamp_ns;

@@ -61,7 +61,7 @@ def save(acquisition: isotherm.Acquisition, state: Path | None) -> None:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--imu", default="imu-a")
-    arguments.add_argument("--serial", help="serial number of the unit; the service flags samples of another one than the table's")
+    arguments.add_argument("--serial", help="serial number of the device; the service flags samples of another one than the table's")
     arguments.add_argument("--state", type=Path, help="file that keeps the lag of the temperatures for a restart")
     arguments.add_argument("--unknown", action="store_true", help="without that file, flag increments until the lag is known")
     arguments.add_argument("--count", type=int, default=400)

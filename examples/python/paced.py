@@ -20,7 +20,7 @@ import isotherm
 
 PERIOD_NS = 2_500_000
 TIMEOUT_S = 0.001  # an increment that takes longer is late; it leaves time for the rest of the period
-TELEMETRY_PERIODS = 40  # telemetry is measured ten times a second
+TEMPERATURE_PERIODS = 40  # temperature is measured ten times a second
 PREPARE_NS = 200_000  # how long before the end of a period its way is warmed
 Vector = tuple[float, float, float]
 
@@ -69,7 +69,7 @@ class Paced:
     def latch(self, sample: isotherm.Loan, period: int, end: int) -> None:
         """What the hardware has measured. Every field that is not set is 0."""
         specific_force, angular_rate, temperature = read_imu(period)
-        if period % TELEMETRY_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
+        if period % TEMPERATURE_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
             self.temperature, self.measured_ns = temperature, end
             for name in ("A1", "A2", "A3", "G1", "G2", "G3"):
                 self.acquisition.reading(name, temperature, end)

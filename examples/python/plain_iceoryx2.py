@@ -35,7 +35,7 @@ class RawSample(ctypes.Structure):
         ("lag_ns", ctypes.c_uint64),  # time constant of head_lagged; 0 = there is none
         ("device", ctypes.c_uint64),  # which unit; 0 = unknown
         ("accelerometers", Triad),
-        ("gyroscopes", Triad),  # where the IMU has none: telemetry NaN
+        ("gyroscopes", Triad),  # where the IMU has none: temperature NaN
     ]
 
     @staticmethod
@@ -64,7 +64,7 @@ class CompensatedIncrement(ctypes.Structure):
 
 
 def device(serial: str) -> int:
-    """The number of the unit with this serial number."""
+    """The number of the device with this serial number."""
     return int.from_bytes(hashlib.sha256(serial.strip().encode()).digest()[:8], "big") if serial.strip() else 0
 
 
@@ -81,7 +81,7 @@ def join(isotherm: str) -> iox2.Node:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--imu", default="imu-a")
-    arguments.add_argument("--serial", default="", help="serial number of the unit")
+    arguments.add_argument("--serial", default="", help="serial number of the device")
     arguments.add_argument("--count", type=int, default=10)
     arguments.add_argument("--isotherm", default="isotherm", help="the program, which tells where the domain is")
     options = arguments.parse_args()

@@ -11,7 +11,7 @@ import isotherm
 
 BLOCK = 1000
 PULSES = (140, 0, 150)
-TELEMETRY = (2.5, 2.5, 2.5)
+TEMPERATURE = (2.5, 2.5, 2.5)
 
 
 def timed(work: Callable[[int], object]) -> list[int]:
@@ -34,7 +34,7 @@ def main() -> None:
     samples["interval_ns"] = 2_500_000
     for triad in ("accelerometers", "gyroscopes"):
         samples[triad]["positive_pulses"] = PULSES
-        samples[triad]["head_temperature"] = samples[triad]["board_temperature"] = TELEMETRY
+        samples[triad]["head_temperature"] = samples[triad]["board_temperature"] = TEMPERATURE
     names = ("compensate(loan), filled in before", "loan, fill in, compensate", "compensate(record)", "the timer itself")
     found: dict[str, list[int]] = {name: [] for name in names}
     means: dict[str, list[float]] = {"run(window=1)": [], "run()": []}
@@ -46,7 +46,7 @@ def main() -> None:
             loan.interval_ns = 2_500_000
             for triad in (loan.accelerometers, loan.gyroscopes):
                 triad.positive_pulses = triad.negative_pulses = PULSES
-                triad.head_temperature = triad.board_temperature = TELEMETRY
+                triad.head_temperature = triad.board_temperature = TEMPERATURE
             return loan
 
         gc.freeze()

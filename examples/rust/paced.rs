@@ -24,8 +24,8 @@ const PERIOD_NS: u64 = 2_500_000;
 const RESOLUTION: Resolution = Resolution { accelerometer: 1e-6, gyroscope: 1e-7 };
 /// An increment that takes longer is late. It leaves time for the rest of the period.
 const TIMEOUT: Duration = Duration::from_millis(1);
-/// Telemetry is measured every 40th period: ten times a second.
-const TELEMETRY_PERIODS: u64 = 40;
+/// Temperature is measured every 40th period: ten times a second.
+const TEMPERATURE_PERIODS: u64 = 40;
 /// `prepare` takes some ten microseconds in cold caches.
 const PREPARE_NS: u64 = 100_000;
 
@@ -120,7 +120,7 @@ impl Paced {
     /// What the hardware has measured. Every field that is not set is 0.
     fn latch(&mut self, sample: &mut RawSample, period: u64, end: u64) -> Result<(), ReadingError> {
         let (specific_force, angular_rate, temperature) = read_imu(period);
-        if period.is_multiple_of(TELEMETRY_PERIODS) {
+        if period.is_multiple_of(TEMPERATURE_PERIODS) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             (self.temperature, self.measured_ns) = (temperature, end);
             for (sensor, _) in Sensor::NAMES {

@@ -180,9 +180,9 @@ impl Acquisition {
         begun.map_err(|error| IsothermError::new_err(error.to_string()))
     }
 
-    fn reading(&self, name: &str, telemetry: f64, time_ns: u64) -> PyResult<()> {
+    fn reading(&self, name: &str, temperature: f64, time_ns: u64) -> PyResult<()> {
         let sensor = sensor(name)?;
-        self.owned.hold()?.open()?.client.lag().read(sensor, telemetry, time_ns);
+        self.owned.hold()?.open()?.client.lag().read(sensor, temperature, time_ns);
         Ok(())
     }
 

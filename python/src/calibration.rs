@@ -68,7 +68,7 @@ pub(crate) struct Options {
     window: Option<f64>,
     scale_factor: String,
     misalignment: bool,
-    standstills: Vec<usize>,
+    static_poses: Vec<usize>,
     temperature_range: Option<[f64; 2]>,
     /// Latitude \[deg\] and height \[m\] that check local gravity.
     place: Option<[f64; 2]>,
@@ -286,7 +286,7 @@ impl Options {
                 order: self.order,
                 scale_factor: *choice,
                 misalignment: self.misalignment,
-                exclude: self.standstills,
+                exclude: self.static_poses,
                 temperature_range: self.temperature_range,
                 accept,
                 strict: self.strict,
@@ -423,7 +423,7 @@ impl Calibration {
             .collect()
     }
 
-    /// What the command prints: the bottom line, the curves, the standstills.
+    /// What the command prints: the bottom line, the curves, the static poses.
     fn __str__(&self) -> String {
         self.outcome.text()
     }

@@ -36,10 +36,10 @@ fn files(named: &[(String, PyRef<'_, Table>)]) -> PyResult<Vec<TableFile>> {
 pub(crate) fn compare(
     py: Python<'_>,
     named: Vec<(String, PyRef<'_, Table>)>,
-    other_unit: bool,
+    other_device: bool,
 ) -> PyResult<Comparison> {
     let files = files(&named)?;
-    let found = py.detach(|| isotherm_analysis::compare(files, other_unit));
+    let found = py.detach(|| isotherm_analysis::compare(files, other_device));
     found.map(Comparison).map_err(|error| ComparisonError::new_err(error.to_string()))
 }
 
@@ -111,7 +111,7 @@ impl Batch {
         self.0.units.clone()
     }
 
-    /// Unit, quantity and t of each value that stands out; None under five units.
+    /// Unit, quantity and t of each value that stands out; None under five devices.
     #[getter]
     fn stand_outs(&self) -> Option<Vec<(String, String, f64)>> {
         let found = self.0.stand_outs.as_ref()?.iter();

@@ -35,7 +35,7 @@ pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     name.parse().map_err(|error: isotherm_client::UnknownSensor| PyValueError::new_err(error.to_string()))
 }
 
-/// The state of a lag: for each sensor None, or time \[ns\], telemetry and lagged telemetry of its last reading, and
+/// The state of a lag: for each sensor None, or time \[ns\], temperature and lagged temperature of its last reading, and
 /// the share of an unknown start, and the machine's start that the time is of.
 #[derive(IntoPyObject)]
 #[pyo3(transparent)]
@@ -46,7 +46,7 @@ type Kept = (u64, f64, f64, f64, u64);
 impl LagState {
     pub(crate) fn of(lag: &Lag) -> Self {
         let numbers = |(reading, unknown): (&Option<LaggedReading>, f64)| {
-            reading.map(|reading| (reading.time_ns, reading.telemetry, reading.lagged, unknown, lag.boot))
+            reading.map(|reading| (reading.time_ns, reading.temperature, reading.lagged, unknown, lag.boot))
         };
         Self(lag.sensors.iter().zip(lag.unknown).map(numbers).collect())
     }
@@ -54,9 +54,9 @@ impl LagState {
     pub(crate) fn lag(&self) -> Lag {
         let mut lag = Lag::new(0);
         for (sensor, numbers) in self.0.iter().enumerate() {
-            if let Some((time_ns, telemetry, lagged, unknown, boot)) = *numbers {
+            if let Some((time_ns, temperature, lagged, unknown, boot)) = *numbers {
                 lag.boot = boot;
-                lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
+                lag.sensors[sensor] = Some(LaggedReading { time_ns, temperature, lagged });
                 lag.unknown[sensor] = unknown;
             }
         }
@@ -76,20 +76,20 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
                 return Ok(None);
             }
             let numbers = item.try_iter()?.collect::<PyResult<Vec<_>>>()?;
-            let (time_ns, telemetry, lagged, unknown, boot) = match &numbers[..] {
+            let (time_ns, temperature, lagged, unknown, boot) = match &numbers[..] {
                 // As it was kept before the start of the machine was.
-                [time_ns, telemetry, lagged, unknown] => (time_ns, telemetry, lagged, unknown, 0),
-                [time_ns, telemetry, lagged, unknown, boot] => (time_ns, telemetry, lagged, unknown, boot.extract()?),
+                [time_ns, temperature, lagged, unknown] => (time_ns, temperature, lagged, unknown, 0),
+                [time_ns, temperature, lagged, unknown, boot] => (time_ns, temperature, lagged, unknown, boot.extract()?),
                 _ => return Err(wrong()),
             };
-            Ok(Some((time_ns.extract()?, telemetry.extract()?, lagged.extract()?, unknown.extract()?, boot)))
+            Ok(Some((time_ns.extract()?, temperature.extract()?, lagged.extract()?, unknown.extract()?, boot)))
         };
         let sensors = object.try_iter()?.map(|item| reading(item?)).collect::<PyResult<Vec<_>>>()?;
         if sensors.len() == Sensor::NAMES.len() { Ok(Self(sensors)) } else { Err(wrong()) }
     }
 }
 
-/// The number of the unit with this serial number.
+/// The number of the device with this serial number.
 #[pyfunction]
 pub(crate) fn device(serial: &str) -> u64 {
     isotherm_client::device(serial)

@@ -1,4 +1,4 @@
-//! Verification by the length of gravity over standstills, on arrays.
+//! Verification by the length of gravity over static poses, on arrays.
 
 use crate::errors::StabilityError;
 use crate::offline::with_lag;
@@ -11,8 +11,8 @@ use isotherm_verification::{LocalGravity, Magnitudes, MagnitudesError, Requireme
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Compares the lengths over the standstills of samples with local gravity: the document of `isotherm
-/// verify --standstills --json`.
+/// Compares the lengths over the static poses of samples with local gravity: the document of `isotherm
+/// verify --static-poses --json`.
 #[pyfunction]
 #[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn lengths<'py>(

@@ -47,7 +47,7 @@ pub(crate) fn noise_of_rates(
     py: Python<'_>,
     rates: Values<f64>,
     interval_s: f64,
-    telemetry: Option<Values<f64>>,
+    temperature: Option<Values<f64>>,
 ) -> PyResult<String> {
     if rates.len() < MIN_ROWS {
         return Err(NoiseError::new_err(format!("{} rates; at least {MIN_ROWS} are needed", rates.len())));
@@ -58,7 +58,7 @@ pub(crate) fn noise_of_rates(
     py.detach(|| {
         let allan = Allan::of(&rates, interval_s);
         let allan = allan.ok_or_else(|| NoiseError::new_err("the rates never change"))?;
-        let line = telemetry.and_then(|telemetry| TemperatureLine::of(&rates, &telemetry, interval_s, &allan));
+        let line = temperature.and_then(|temperature| TemperatureLine::of(&rates, &temperature, interval_s, &allan));
         Ok(json::rates(&allan, line.as_ref()).to_string())
     })
 }

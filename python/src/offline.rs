@@ -59,7 +59,7 @@ pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: Values<u8>) 
     Ok(found.into_iter().map(|finding| finding.message).collect())
 }
 
-/// The samples of an array. If none has a time constant, the lagged telemetry is computed with the table's, as the
+/// The samples of an array. If none has a time constant, the lagged temperature is computed with the table's, as the
 /// commands do for a recording without it; each session begins soaked.
 pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterator<Item = RawSample> {
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
@@ -150,10 +150,10 @@ pub(crate) fn repair(py: Python<'_>, source: PathBuf, target: PathBuf) -> PyResu
 pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>) -> PyResult<()> {
     let write = || -> io::Result<()> {
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
-        let telemetry = all().any(|raw| raw.telemetry_ns != 0);
+        let temperature = all().any(|raw| raw.telemetry_ns != 0);
         let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
         write_file(&path, |sink| {
-            let mut writer = RawCsvWriter::with_layout(sink, "", telemetry, layout)?;
+            let mut writer = RawCsvWriter::with_layout(sink, "", temperature, layout)?;
             all().try_for_each(|raw| writer.write("", &raw))?;
             writer.finish().map(drop)
         })

@@ -108,8 +108,8 @@ pub(crate) fn raw_bytes(sample: &RawSample) -> [u8; RAW] {
     let bytes = head.iter().flat_map(|value| value.to_ne_bytes());
     let bytes = bytes.chain(triads.into_iter().flat_map(|triad| {
         let pulses = [triad.positive_pulses, triad.negative_pulses].into_iter().flatten();
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged].into_iter().flatten();
-        pulses.flat_map(u32::to_ne_bytes).chain(telemetry.flat_map(f64::to_ne_bytes))
+        let temperature = [triad.head_temperature, triad.board_temperature, triad.head_lagged].into_iter().flatten();
+        pulses.flat_map(u32::to_ne_bytes).chain(temperature.flat_map(f64::to_ne_bytes))
     }));
     record.iter_mut().zip(bytes).for_each(|(place, byte)| *place = byte);
     record

@@ -23,7 +23,7 @@ pub(crate) struct Run<'a> {
     window: usize,
     timeout: Duration,
     period: Option<Duration>,
-    /// Whether the library keeps the lag of the samples' telemetry, which have none.
+    /// Whether the library keeps the lag of the samples' temperature, which have none.
     follows: bool,
     /// Whether the answers to samples sent before this run have been discarded.
     drained: bool,

@@ -39,7 +39,7 @@ pub struct Axis {
     g_sensitivity: Option<[f64; 3]>,
 }
 
-/// A polynomial of telemetry.
+/// A polynomial of temperature.
 #[pyclass(frozen, module = "isotherm")]
 pub struct Polynomial {
     curve: Curve,
@@ -269,13 +269,13 @@ impl Polynomial {
         self.curve.range().into()
     }
 
-    /// The value at one telemetry, or at each telemetry of an array.
-    fn __call__<'py>(&self, telemetry: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        let py = telemetry.py();
-        if let Ok(value) = telemetry.extract::<f64>() {
+    /// The value at one temperature, or at each temperature of an array.
+    fn __call__<'py>(&self, temperature: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let py = temperature.py();
+        if let Ok(value) = temperature.extract::<f64>() {
             return Ok(self.curve.at(value).into_pyobject(py)?.into_any());
         }
-        let flat = crate::records::python(py, "_records", "flat_doubles")?.call1((telemetry,))?;
+        let flat = crate::records::python(py, "_records", "flat_doubles")?.call1((temperature,))?;
         let values: Values<f64> = flat.extract()?;
         let out = PyArray1::zeros(py, values.len(), false);
         {
@@ -283,7 +283,7 @@ impl Polynomial {
             let results = writable.as_slice_mut()?;
             py.detach(|| results.iter_mut().zip(&*values).for_each(|(result, value)| *result = self.curve.at(*value)));
         }
-        out.call_method1("reshape", (telemetry.getattr("shape")?,))
+        out.call_method1("reshape", (temperature.getattr("shape")?,))
     }
 
     fn __repr__(&self) -> String {

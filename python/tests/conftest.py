@@ -205,18 +205,18 @@ def whole_table() -> isotherm.Table:
 
 @pytest.fixture(scope="session")
 def whole() -> isotherm.Records:
-    """Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample."""
+    """Samples of a whole IMU that heats up and turns, 50 ms each. The temperature is measured in every 20th sample."""
     count, random = 400, np.random.default_rng(7)
     samples = np.zeros(count, isotherm.RAW_SAMPLE)
     samples["sequence"] = np.arange(count)
     samples["timestamp_ns"] = 50_000_000 * np.arange(1, count + 1)
     samples["interval_ns"] = 50_000_000
-    telemetry = (1.2 + 0.004 * (np.arange(count) // 20))[:, None] + np.array([0.0, 0.01, 0.02])
+    temperature = (1.2 + 0.004 * (np.arange(count) // 20))[:, None] + np.array([0.0, 0.01, 0.02])
     for name, offset, pulses in (("accelerometers", 0.0, 5000), ("gyroscopes", 0.2, 40_000)):
         samples[name]["positive_pulses"] = random.integers(0, pulses, (count, 3))
         samples[name]["negative_pulses"] = random.integers(0, 100, (count, 3))
-        samples[name]["head_temperature"] = telemetry + offset
-        samples[name]["board_temperature"] = telemetry + offset - 0.01
+        samples[name]["head_temperature"] = temperature + offset
+        samples[name]["board_temperature"] = temperature + offset - 0.01
     samples.flags.writeable = False
     return samples
 

@@ -31,7 +31,7 @@ def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def celsius(tmp_path: Path) -> Path:
-    """The table with its telemetry in degC."""
+    """The table with its temperature in degC."""
     path = tmp_path / "celsius.toml"
     path.write_text(TABLE.read_text().replace('unit = "V"', 'unit = "degC"'))
     return path
@@ -176,7 +176,7 @@ def test_gyroscopes_are_messages_too(tmp_path: Path, whole_table: isotherm.Table
     increments = isotherm.replay(whole_table, whole)
     isotherm.write_ros(tmp_path / "whole.mcap", whole_table, increments, samples=whole, table_file=WHOLE_TABLE)
     decoded, tables = messages(tmp_path / "whole.mcap")
-    # The telemetry is in V.
+    # The temperature is in V.
     assert set(decoded) == {"/imu_g/data_raw"} and tables[0]["file"] == WHOLE_TABLE.name
     for imu, increment in zip(decoded["/imu_g/data_raw"], increments, strict=True):
         rates = imu.angular_velocity

@@ -189,7 +189,7 @@ def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
     assert "'A1 bias'" in done.stdout and "No unit stands out" in done.stdout
 
 
-def of_another_unit(samples: Path) -> None:
+def of_another_device(samples: Path) -> None:
     """The samples of a campaign with one pulse more in each row of A2."""
     import pandas as pd
 
@@ -207,7 +207,7 @@ def test_fleet(tmp_path: Path) -> None:
         file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
     # The second one has lost its samples.
     (tmp_path / "imu-2" / "samples.csv").unlink()
-    of_another_unit(tmp_path / "imu-3" / "samples.csv")
+    of_another_device(tmp_path / "imu-3" / "samples.csv")
     # The third one has a second campaign.
     shutil.copytree(tmp_path / "imu-3", tmp_path / "again")
     campaigns = [tmp_path / name / "campaign.toml" for name in [*names, "again"]]
@@ -234,10 +234,10 @@ def test_fleet_without_statistics(tmp_path: Path) -> None:
         file = tmp_path / name / "campaign.toml"
         text = file.read_text().replace('"imu-paper"', f'"{name}"')
         file.write_text(re.sub(r'temperature_unit = ".*"', f'temperature_unit = "{unit}"', text))
-    of_another_unit(tmp_path / "imu-2" / "samples.csv")
+    of_another_device(tmp_path / "imu-2" / "samples.csv")
     campaigns = [tmp_path / name / "campaign.toml" for name in ("imu-1", "imu-2")]
     arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "1"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
     assert done.returncode == 1, done.stderr
     assert "2 tables, 0 campaigns failed\n" in done.stdout, done.stdout
-    assert "failed: statistics of the batch: telemetry in V and other" in done.stderr
+    assert "failed: statistics of the batch: temperature in V and other" in done.stderr

@@ -80,7 +80,7 @@ def test_a_recording_is_the_document_of_the_command(night: Path, tmp_path: Path)
     assert counts["sensors"][0]["unit"] == "pulse/s" and counts["rows"] == len(samples)
     # The rates alone have the same curve.
     net = samples["accelerometers"]["positive_pulses"][:, 0].astype(float) - samples["accelerometers"]["negative_pulses"][:, 0]
-    alone = isotherm.noise(net / 0.1, interval=0.1, telemetry=samples["accelerometers"]["head_temperature"][:, 0])
+    alone = isotherm.noise(net / 0.1, interval=0.1, temperature=samples["accelerometers"]["head_temperature"][:, 0])
     assert np.allclose(alone["adev_in_unit"], counts["sensors"][0]["adev_in_unit"], rtol=1e-9)
     assert alone["temperature"]["slope_in_unit"] == pytest.approx(counts["sensors"][0]["temperature"]["slope_in_unit"], rel=1e-6)
 
@@ -106,8 +106,8 @@ def test_what_is_refused(night: Path, tmp_path: Path) -> None:
     with pytest.raises(isotherm.NoiseError, match="too many rows are missing for a Kalibr file"):
         isotherm.noise(few, table=table, kalibr=tmp_path / "imu.yaml")
     wrong = [
-        {"interval": 0.0}, {"interval": 1.0, "table": isotherm.Table.load(night / "truth.toml")}, {"interval": 1.0, "telemetry": [1.0]},
-        {"telemetry": [1.0]}, {"start": 5.0, "end": 5.0}, {"kalibr": tmp_path / "imu.yaml"},
+        {"interval": 0.0}, {"interval": 1.0, "table": isotherm.Table.load(night / "truth.toml")}, {"interval": 1.0, "temperature": [1.0]},
+        {"temperature": [1.0]}, {"start": 5.0, "end": 5.0}, {"kalibr": tmp_path / "imu.yaml"},
     ]  # fmt: skip
     for arguments in wrong:
         with pytest.raises(ValueError):

@@ -77,7 +77,7 @@ def test_a_table(table: isotherm.Table) -> None:
     assert isotherm.Table.parse(str(table)) == table and hash(isotherm.Table.parse(str(table))) == hash(table)
     assert f"{table.id:016x}" == table.digest.removeprefix("sha256:")[:16]
     assert table.digest in command("check", TABLE)
-    telemetry = np.linspace(1.0, 4.0, 7)
+    temperature = np.linspace(1.0, 4.0, 7)
     for axis, given in zip(table.axes, content["axis"], strict=True):
         assert axis.name == given["name"]
         for polynomial, part in [(axis.bias, given["bias"]), (axis.negative_scale_factor, given["negative_scale_factor"])]:
@@ -85,15 +85,15 @@ def test_a_table(table: isotherm.Table) -> None:
             assert polynomial.coefficients.tolist() == coefficients
             assert polynomial.unit == part["unit"] and list(polynomial.range) == part["range"]
             right = []
-            for u in telemetry.tolist():
+            for u in temperature.tolist():
                 x = (u - part.get("center", 0.0)) / part.get("scale", 1.0)
                 value = coefficients[-1]
                 for c in coefficients[-2::-1]:
                     value = value * x + c
                 right.append(value)
-            assert polynomial(telemetry).tolist() == right
-            assert [polynomial(u) for u in telemetry.tolist()] == right
-            assert polynomial(telemetry.reshape(7, 1)[::2]).shape == (4, 1)
+            assert polynomial(temperature).tolist() == right
+            assert [polynomial(u) for u in temperature.tolist()] == right
+            assert polynomial(temperature.reshape(7, 1)[::2]).shape == (4, 1)
             assert polynomial(np.array([], np.float32)).shape == (0,)
 
 
@@ -163,7 +163,7 @@ def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: is
 def test_a_whole_imu_in_arrays_files_and_frames(whole_table: isotherm.Table, whole: isotherm.Records, tmp_path: Path) -> None:
     right = isotherm.replay(whole_table, whole)
     assert np.isfinite(right["angle_increment"]).all() and not right["flags"].any()
-    # The recording has no lagged telemetry, so it is computed, here as in the command.
+    # The recording has no lagged temperature, so it is computed, here as in the command.
     path = tmp_path / "run.csv"
     isotherm.write_recording(path, whole)
     command("replay", "--table", WHOLE_TABLE, path, "-o", tmp_path / "command.csv")
@@ -176,7 +176,7 @@ def test_a_whole_imu_in_arrays_files_and_frames(whole_table: isotherm.Table, who
     split = isotherm.replay(whole_table, twice)
     assert (split[:200] == right[:200]).all() and (split["velocity_increment"][200:] != right["velocity_increment"][200:]).any()
     assert (split[200:] == isotherm.replay(whole_table, twice[200:])).all()
-    # With lagged telemetry and a unit, every column is there; the samples' own lag is used.
+    # With lagged temperature and a unit, every column is there; the samples' own lag is used.
     full = whole.copy()
     full["lag_ns"], full["device"], full["telemetry_ns"] = 240_000_000_000, isotherm.device("SN 42"), 1
     for triad in ("accelerometers", "gyroscopes"):
@@ -188,7 +188,7 @@ def test_a_whole_imu_in_arrays_files_and_frames(whole_table: isotherm.Table, who
     assert (isotherm.replay(whole_table, full) != right).all()
     result = isotherm.replay(whole_table, frame)
     assert result["g3_da"].tolist() == isotherm.replay(whole_table, full)["angle_increment"][:, 2].tolist()
-    # Columns that belong together, and the number of the unit, which is no number in a frame.
+    # Columns that belong together, and the number of the device, which is no number in a frame.
     for column in ("g2_head", "lag_ns", "a1_head_lagged", "g3_head_lagged"):
         with pytest.raises(ValueError, match=f"missing columns: {column};"):
             isotherm.replay(whole_table, frame.drop(columns=column))
@@ -217,7 +217,7 @@ def test_a_table_of_a_whole_imu(whole_table: isotherm.Table, table: isotherm.Tab
 def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     isotherm.write_recording(path, recorded)
-    # The telemetry of gyroscopes that are not there is NaN, which equals nothing.
+    # The temperature of gyroscopes that are not there is NaN, which equals nothing.
     assert isotherm.read_recording(path).tobytes() == recorded.tobytes()
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(isotherm.RecordingFault, match=rf"{path}:2: ") as fault:
@@ -370,7 +370,7 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
         isotherm.calibrate_turntable(settings, samples, exclude=[(20.0, 13)])
     with pytest.raises(isotherm.TableError, match="latitude_deg"):
         isotherm.calibrate_turntable({key: value for key, value in settings.items() if key != "latitude_deg"}, samples)
-    # Samples of another unit.
+    # Samples of another device.
     marked = samples.assign(device=f"{isotherm.device('S/N 7'):016x}")
     assert isotherm.calibrate_turntable(settings | {"serial": "S/N 7"}, marked).findings == []
     with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: samples:0: "):
@@ -748,7 +748,7 @@ def test_compare_is_the_command(tmp_path: Path) -> None:
     assert abs(trend["slope_in_unit_per_year"] - 3.99594) < 1e-5 and trend["unit"] == "ug0"
     with pytest.raises(isotherm.ComparisonError, match="tables of two IMUs: imu-a, imu-b; give those of one, or"):
         isotherm.compare(old, COMPARE / "other_imu.toml")
-    assert isotherm.compare(old, COMPARE / "other_imu.toml", other_unit=True).summary["tables"][1]["imu"] == "imu-b"
+    assert isotherm.compare(old, COMPARE / "other_imu.toml", other_device=True).summary["tables"][1]["imu"] == "imu-b"
     # A calibration compares as the file that it saves, here to itself.
     calibration = isotherm.calibrate_turntable(CAMPAIGN)
     calibration.save(tmp_path / "table.toml")

@@ -130,7 +130,7 @@ def test_a_whole_imu_equals_the_replay(domain: DomainUnderTest, whole_table: iso
     with isotherm.Acquisition("imu-g", timeout=TIMEOUT, serial=" SN 42\n") as acquisition:
         assert acquisition.lag_ns == 240_000_000_000
         assert same(acquisition.run(whole, timeout=TIMEOUT), right)
-        # The samples' own lagged telemetry is sent as it is.
+        # The samples' own lagged temperature is sent as it is.
         assert same(acquisition.run(soaked, timeout=TIMEOUT), isotherm.replay(whole_table, soaked))
         # One by one, with readings as they come.
         acquisition.begin_session()
@@ -317,7 +317,7 @@ def test_a_killed_service_changes_no_lag(domain: DomainUnderTest, whole_table: i
     assert same(np.array(got, isotherm.INCREMENT), isotherm.replay(whole_table, whole))
 
 
-def test_samples_of_another_unit_are_flagged(domain: DomainUnderTest, whole: isotherm.Records) -> None:
+def test_samples_of_another_device_are_flagged(domain: DomainUnderTest, whole: isotherm.Records) -> None:
     table = domain.folder / "imu-g.toml"
     table.write_text(WHOLE_TABLE.read_text().replace("gravity =", 'serial = "SN 42"\ngravity ='))
     assert isotherm.Table.load(table).device == isotherm.device("SN 42")

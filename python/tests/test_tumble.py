@@ -33,8 +33,8 @@ def test_the_table_is_that_of_the_command(tmp_path: Path) -> None:
     for recordings in (XSENS, samples, frame, [samples]):
         found = isotherm.calibrate_tumble(CAMPAIGN, recordings, temperature_range=RANGE)
         assert without_what_differs(found.text) == without_what_differs(output.read_text())
-    assert found.summary["standstills"] == 40 and found.summary["residual_rms_g0"] < 0.11e-3
-    assert "40 standstills" in str(found)
+    assert found.summary["static_poses"] == 40 and found.summary["residual_rms_g0"] < 0.11e-3
+    assert "40 static poses" in str(found)
     found.save(tmp_path / "y.toml", report=tmp_path / "y.html")
     assert isotherm.Table.load(tmp_path / "y.toml").digest == found.table.digest
 

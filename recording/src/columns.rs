@@ -29,9 +29,9 @@ pub enum ColumnSet {
     Device,
     /// Files of an IMU that has gyroscopes: all columns of the set.
     Gyroscopes,
-    /// Files of samples with lagged telemetry: all columns of the set.
+    /// Files of samples with lagged temperature: all columns of the set.
     Lag,
-    /// Files of an IMU with gyroscopes, of samples with lagged telemetry: all columns of the set.
+    /// Files of an IMU with gyroscopes, of samples with lagged temperature: all columns of the set.
     LaggedGyroscopes,
 }
 
@@ -57,7 +57,7 @@ pub struct Layout {
     pub device: bool,
     /// The columns of the gyroscopes.
     pub gyroscopes: bool,
-    /// Time constant and lagged telemetry.
+    /// Time constant and lagged temperature.
     pub lag: bool,
 }
 
@@ -132,17 +132,17 @@ pub const INTERVAL_NS: usize = 4;
 pub const SENT_NS: usize = 5;
 /// Index of `telemetry_ns` in [`RAW`].
 pub const TELEMETRY_NS: usize = 6;
-/// Index in [`RAW`] of the columns of A1: positive and negative pulses, head and board telemetry. Those of A2 and A3
+/// Index in [`RAW`] of the columns of A1: positive and negative pulses, head and board temperature. Those of A2 and A3
 /// follow.
 pub const ACCELEROMETERS: usize = 7;
 /// Index of `device` in [`RAW`].
 pub const DEVICE: usize = 19;
 /// Index in [`RAW`] of the columns of G1, as for [`ACCELEROMETERS`].
 pub const GYROSCOPES: usize = 20;
-/// Index of `lag_ns` in [`RAW`]. The lagged head telemetry of A1 to A3 and G1 to G3 follows.
+/// Index of `lag_ns` in [`RAW`]. The lagged head temperature of A1 to A3 and G1 to G3 follows.
 pub const LAG_NS: usize = 32;
 
-/// Number of columns of a sensor, without the lagged telemetry.
+/// Number of columns of a sensor, without the lagged temperature.
 const PER_SENSOR: usize = 4;
 /// Index of `a1_head_lagged` in [`RAW`].
 const ACCELEROMETERS_LAGGED: usize = LAG_NS + 1;
@@ -179,14 +179,14 @@ const fn pulses(number: u64, set: ColumnSet, name: &'static str) -> Column {
     column(number, set, name, ColumnKind::U32, "pulses")
 }
 
-/// A column of telemetry.
-const fn telemetry(number: u64, set: ColumnSet, name: &'static str) -> Column {
-    column(number, set, name, ColumnKind::F64, "unit of the table's telemetry")
+/// A column of temperature.
+const fn temperature(number: u64, set: ColumnSet, name: &'static str) -> Column {
+    column(number, set, name, ColumnKind::F64, "unit of the table's temperature")
 }
 
-/// A column of lagged telemetry.
+/// A column of lagged temperature.
 const fn lagged(number: u64, set: ColumnSet, name: &'static str) -> Column {
-    column(number, set, name, ColumnKind::F64, "unit of the table's telemetry; the head's behind the lag")
+    column(number, set, name, ColumnKind::F64, "unit of the table's temperature; the head's behind the lag")
 }
 
 /// Columns of raw samples. New ones are added at the end.
@@ -206,35 +206,35 @@ pub const RAW: [Column; 39] = [
     ),
     pulses(8, ColumnSet::Always, "a1_positive"),
     pulses(9, ColumnSet::Always, "a1_negative"),
-    telemetry(10, ColumnSet::Always, "a1_head"),
-    telemetry(11, ColumnSet::Always, "a1_board"),
+    temperature(10, ColumnSet::Always, "a1_head"),
+    temperature(11, ColumnSet::Always, "a1_board"),
     pulses(12, ColumnSet::Always, "a2_positive"),
     pulses(13, ColumnSet::Always, "a2_negative"),
-    telemetry(14, ColumnSet::Always, "a2_head"),
-    telemetry(15, ColumnSet::Always, "a2_board"),
+    temperature(14, ColumnSet::Always, "a2_head"),
+    temperature(15, ColumnSet::Always, "a2_board"),
     pulses(16, ColumnSet::Always, "a3_positive"),
     pulses(17, ColumnSet::Always, "a3_negative"),
-    telemetry(18, ColumnSet::Always, "a3_head"),
-    telemetry(19, ColumnSet::Always, "a3_board"),
-    column(20, ColumnSet::Device, "device", ColumnKind::Hex, "number of the unit; 0 = unknown"),
+    temperature(18, ColumnSet::Always, "a3_head"),
+    temperature(19, ColumnSet::Always, "a3_board"),
+    column(20, ColumnSet::Device, "device", ColumnKind::Hex, "number of the device; 0 = unknown"),
     pulses(21, ColumnSet::Gyroscopes, "g1_positive"),
     pulses(22, ColumnSet::Gyroscopes, "g1_negative"),
-    telemetry(23, ColumnSet::Gyroscopes, "g1_head"),
-    telemetry(24, ColumnSet::Gyroscopes, "g1_board"),
+    temperature(23, ColumnSet::Gyroscopes, "g1_head"),
+    temperature(24, ColumnSet::Gyroscopes, "g1_board"),
     pulses(25, ColumnSet::Gyroscopes, "g2_positive"),
     pulses(26, ColumnSet::Gyroscopes, "g2_negative"),
-    telemetry(27, ColumnSet::Gyroscopes, "g2_head"),
-    telemetry(28, ColumnSet::Gyroscopes, "g2_board"),
+    temperature(27, ColumnSet::Gyroscopes, "g2_head"),
+    temperature(28, ColumnSet::Gyroscopes, "g2_board"),
     pulses(29, ColumnSet::Gyroscopes, "g3_positive"),
     pulses(30, ColumnSet::Gyroscopes, "g3_negative"),
-    telemetry(31, ColumnSet::Gyroscopes, "g3_head"),
-    telemetry(32, ColumnSet::Gyroscopes, "g3_board"),
+    temperature(31, ColumnSet::Gyroscopes, "g3_head"),
+    temperature(32, ColumnSet::Gyroscopes, "g3_board"),
     column(
         33,
         ColumnSet::Lag,
         "lag_ns",
         ColumnKind::U64,
-        "ns, time constant of the lagged telemetry; 0 = there is none",
+        "ns, time constant of the lagged temperature; 0 = there is none",
     ),
     lagged(34, ColumnSet::Lag, "a1_head_lagged"),
     lagged(35, ColumnSet::Lag, "a2_head_lagged"),
@@ -371,7 +371,7 @@ pub fn incomplete<'a>(
     found: impl Fn(&str) -> bool,
 ) -> Vec<&'a str> {
     let any = |wanted: ColumnSet| columns.clone().any(|(name, set)| set == wanted && found(name));
-    // The lagged telemetry of gyroscopes does not ask for gyroscopes: of an IMU that has none, the readers leave it
+    // The lagged temperature of gyroscopes does not ask for gyroscopes: of an IMU that has none, the readers leave it
     // out.
     let gyroscopes = any(ColumnSet::Gyroscopes);
     let lag = any(ColumnSet::Lag) || any(ColumnSet::LaggedGyroscopes);
@@ -386,7 +386,7 @@ pub fn incomplete<'a>(
 
 /// What to do about [`incomplete`] sets.
 pub const INCOMPLETE_HINT: &str = "a recording has all columns of the gyroscopes (g1_positive, g1_negative, g1_head, g1_board, g2_.., g3_..) or \
-     none, and all of the lagged telemetry (lag_ns, a1_head_lagged, a2_.., a3_.., with gyroscopes also g1_head_lagged, ..) or none";
+     none, and all of the lagged temperature (lag_ns, a1_head_lagged, a2_.., a3_.., with gyroscopes also g1_head_lagged, ..) or none";
 
 /// The number in a field of kind [`ColumnKind::Hex`]: 16 hexadecimal digits; also nothing, or `0`, for 0. `None` for
 /// any other text.

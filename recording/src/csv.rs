@@ -441,7 +441,7 @@ impl<R: Read> Rows<R> {
         self.parse(column, "16 hexadecimal digits", |text| hex(text.as_bytes()))
     }
 
-    /// Parses a number. Telemetry may be NaN or infinite if the text says so; a decimal number that overflows is an
+    /// Parses a number. Temperature may be NaN or infinite if the text says so; a decimal number that overflows is an
     /// error.
     ///
     /// # Errors

@@ -14,7 +14,7 @@ use isotherm_support::source::DataSource;
 use std::io::Read;
 use std::path::Path;
 
-/// Telemetry of data that have none, unless it is given. A placeholder.
+/// Temperature of data that have none, unless it is given. A placeholder.
 pub const PLACEHOLDER: f64 = 25.0;
 
 /// A leap is longer than this \[ns\], an hour: rows have to be worth it, at the beginning and the end of all rows.
@@ -93,7 +93,7 @@ pub struct ForeignRow {
     /// Whether the clock of the stamps starts again with this row.
     pub begins_session: bool,
     /// Whether the row got another time than its stamp.
-    pub is_mended: bool,
+    pub is_fixed: bool,
 }
 
 /// What the foreign formats have in common.
@@ -149,7 +149,7 @@ pub trait RowSource {
         false
     }
 
-    /// Gives a row whose time was mended what depends on the time.
+    /// Gives a row whose time was fixed what depends on the time.
     fn retime(&self, _reading: &mut ForeignRow) {}
 
     /// The unit of the time, where nothing in the data says it.
@@ -188,7 +188,7 @@ pub fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64
     ))
 }
 
-/// Tells that the telemetry is a placeholder, if it is not given.
+/// Tells that the temperature is a placeholder, if it is not given.
 #[must_use]
 pub fn placeholder(temperature: Option<f64>) -> Option<Finding> {
     let warning = || {

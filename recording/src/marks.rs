@@ -1,6 +1,6 @@
 //! Whether two recordings have rows in common, whatever their files are called and however they are cut.
 //!
-//! Rows in turn have a hash of their pulses, telemetry, intervals and steps of time, if their pulses vary: the
+//! Rows in turn have a hash of their pulses, temperature, intervals and steps of time, if their pulses vary: the
 //! accelerometers give at least eight different readings. A recording is marked by the least of the hashes of all its
 //! windows. Those of a part are among those of the whole, as far as they lie in it.
 
@@ -70,9 +70,9 @@ impl Window {
     fn add(&mut self, row: &RawSample, width: usize) -> Option<u64> {
         let triad = &row.accelerometers;
         let pulses = hash(triad.positive_pulses.iter().chain(&triad.negative_pulses).map(|count| u64::from(*count)));
-        let telemetry = triad.head_temperature.iter().chain(&triad.board_temperature).map(|value| value.to_bits());
+        let temperature = triad.head_temperature.iter().chain(&triad.board_temperature).map(|value| value.to_bits());
         let step_ns = self.last_ns.replace(row.timestamp_ns).map_or(0, |last| row.timestamp_ns.wrapping_sub(last));
-        let of_row = hash([pulses, row.interval_ns, step_ns].into_iter().chain(telemetry));
+        let of_row = hash([pulses, row.interval_ns, step_ns].into_iter().chain(temperature));
         self.hash = self.hash.wrapping_mul(BASE).wrapping_add(of_row);
         self.rows.push_back([of_row, pulses]);
         *self.readings.entry(pulses).or_default() += 1;
@@ -138,7 +138,7 @@ impl std::str::FromStr for Marks {
     }
 }
 
-/// Whether 1000 rows in turn, or half of the shorter recording, are in both: equal in pulses, telemetry and steps of
+/// Whether 1000 rows in turn, or half of the shorter recording, are in both: equal in pulses, temperature and steps of
 /// time. Rows whose pulses hardly vary show nothing.
 #[must_use]
 pub fn share_rows(one: &[RawSample], other: &[RawSample]) -> bool {

@@ -21,7 +21,7 @@ use std::io::{self, Read, Write};
 /// let text: &[u8] = include_bytes!("../../tests/data/run.csv");
 /// let header = text.split_inclusive(|byte| *byte == b'\n').next().ok_or("no header")?;
 /// let bad = [header, b"0,1000,1000,4,0,1.1,1.2,0,204,many,1.2,234,0,1.1,1.2\n"].concat();
-/// let error = RawCsvReader::new(&bad[..])?.next().and_then(Result::err).ok_or("telemetry is a number")?;
+/// let error = RawCsvReader::new(&bad[..])?.next().and_then(Result::err).ok_or("temperature is a number")?;
 /// let message = error.to_string(); // with line and column
 /// assert!(message.contains('2') && message.contains("a2_head"), "{message}");
 /// # Ok(())
@@ -84,7 +84,7 @@ impl<R: Read> RawCsvReader<R> {
         self.rows.line()
     }
 
-    /// Whether the recording has lagged telemetry.
+    /// Whether the recording has lagged temperature.
     #[must_use]
     pub const fn has_lag(&self) -> bool {
         self.columns.has_lag
@@ -185,14 +185,14 @@ pub struct RawCsvWriter<W> {
     /// The columns, by their index in [`RAW`].
     columns: Vec<usize>,
     plain: bool,
-    /// The bits of the last double, and its text: all telemetry of a row is often the same.
+    /// The bits of the last double, and its text: all temperature of a row is often the same.
     last: (u64, Vec<u8>),
     row: Vec<u8>,
 }
 
 impl<W: Write> RawCsvWriter<W> {
     /// Writes the header row of samples of accelerometers. `leading` has the comma-separated names of the caller's own
-    /// columns, which come first; it is empty if there are none. With `telemetry_ns`, the time of the telemetry is the
+    /// columns, which come first; it is empty if there are none. With `telemetry_ns`, the time of the temperature is the
     /// last column.
     ///
     /// # Errors
@@ -201,7 +201,7 @@ impl<W: Write> RawCsvWriter<W> {
         Self::with_layout(sink, leading, telemetry_ns, Layout::default())
     }
 
-    /// As [`new`](Self::new), with the columns of a layout: those of the gyroscopes and of the lagged telemetry come
+    /// As [`new`](Self::new), with the columns of a layout: those of the gyroscopes and of the lagged temperature come
     /// behind those of the accelerometers, the device comes last.
     ///
     /// # Errors
@@ -246,7 +246,7 @@ impl<W: Write> RawCsvWriter<W> {
         }
     }
 
-    /// Writes whole telemetry without a decimal point, 25 and not 25.0. It reads back as the same double.
+    /// Writes whole temperature without a decimal point, 25 and not 25.0. It reads back as the same double.
     #[must_use]
     pub fn with_plain_whole_numbers(self) -> Self {
         Self { plain: true, last: (0, Vec::new()), ..self }
@@ -470,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_telemetry_may_be_written_without_a_decimal_point() {
+    fn whole_temperature_may_be_written_without_a_decimal_point() {
         let [whole, fraction, zero, negative] = [25.0, 25.125, -0.0, -40.0];
         let accelerometers = Triad {
             head_temperature: [whole, fraction, zero],
@@ -508,7 +508,7 @@ mod tests {
         let refused = read(&header_without(&lag[4..])).unwrap_err();
         assert!(refused.starts_with(&format!("line 1: missing columns: {}; ", lag[4..].join(", "))), "{refused}");
         let without_gyroscopes = [&gyroscopes[..], &lag[4..]].concat();
-        // The lagged telemetry of gyroscopes that the IMU does not have.
+        // The lagged temperature of gyroscopes that the IMU does not have.
         for whole in [&[][..], &lag, &gyroscopes, &without_gyroscopes, &[&gyroscopes[..], &lag].concat(), &["device"]] {
             assert_eq!(read(&header_without(whole)), Ok(Vec::new()), "{whole:?}");
         }

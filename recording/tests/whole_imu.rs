@@ -1,4 +1,4 @@
-//! The whole IMU: a recording with gyroscopes and lagged telemetry, read, compensated, and compared with exact
+//! The whole IMU: a recording with gyroscopes and lagged temperature, read, compensated, and compared with exact
 //! increments.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
@@ -58,8 +58,8 @@ fn a_whole_imu_is_compensated_bit_for_bit() {
 }
 
 /// The sum of the absolute values of the terms of a polynomial.
-fn size(polynomial: &Polynomial, telemetry: f64) -> f64 {
-    let x = (polynomial.clamp(telemetry) - polynomial.center()) / polynomial.scale();
+fn size(polynomial: &Polynomial, temperature: f64) -> f64 {
+    let x = (polynomial.clamp(temperature) - polynomial.center()) / polynomial.scale();
     polynomial.coefficients().iter().rev().fold(0.0, |sum, coefficient| sum * x.abs() + coefficient.abs())
 }
 
@@ -133,7 +133,7 @@ fn a_whole_imu_agrees_with_rational_arithmetic() {
     assert!(compared > 11_000, "{compared}");
 }
 
-/// Another program has computed the lagged telemetry of the file from the same readings.
+/// Another program has computed the lagged temperature of the file from the same readings.
 #[test]
 fn the_lag_of_a_recording_is_the_one_that_was_recorded() {
     let mut lag = Lag::new(240_000_000_000);
@@ -152,5 +152,5 @@ fn the_lag_of_a_recording_is_the_one_that_was_recorded() {
     }
     println!("{readings} readings, largest difference {largest:.1e} V");
     assert!(largest < 1e-13, "{largest}");
-    assert_eq!(readings, 50, "the telemetry was read every 20 samples");
+    assert_eq!(readings, 50, "the temperature was read every 20 samples");
 }

@@ -46,8 +46,8 @@ pub(crate) struct TableAdmission {
 pub(crate) struct TableRefusal {
     /// Each curve with both values and the limit, and the remedy.
     pub reason: String,
-    /// Whether it is the table of another unit than the one in force: both have serial numbers, and they differ.
-    pub is_other_unit: bool,
+    /// Whether it is the table of another device than the one in force: both have serial numbers, and they differ.
+    pub is_other_device: bool,
 }
 
 impl Guard {
@@ -103,9 +103,9 @@ impl Guard {
         let accepted = !refusals.is_empty() && is_accepted(table.digest(), accepted);
         if !refusals.is_empty() && !accepted {
             let serials = [reference, table].map(|table| table.content().serial.as_ref());
-            let is_other_unit = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
+            let is_other_device = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
             let reason = self.refusal(&refusals, reference.digest(), table.digest());
-            return Err(TableRefusal { reason, is_other_unit });
+            return Err(TableRefusal { reason, is_other_device });
         }
         let words = format!("{difference}{}", if accepted { "; accepted by its digest" } else { "" });
         Ok(TableAdmission { changes: difference.changes, words, accepted })
@@ -130,7 +130,7 @@ impl Guard {
             "the table that was in force last, {forgotten}, was kept and cannot be read any more, so this one cannot be compared with it; \
              bring that table back, or accept this one with the command `reload --imu {imu} --accept {digest}`"
         );
-        Err(TableRefusal { reason, is_other_unit: false })
+        Err(TableRefusal { reason, is_other_device: false })
     }
 
     /// Why a table that differs so from the one in force last is refused; empty if it may be taken.
@@ -298,19 +298,19 @@ mod tests {
     }
 
     #[test]
-    fn another_unit_is_one_with_another_serial_number_and_other_curves() {
+    fn another_device_is_one_with_another_serial_number_and_other_curves() {
         let (own, other) = (with_serial(TABLE, "7"), with_serial(TABLE, "8"));
         let bent = |text: &str| table(&text.replace("c0 = 793.55", "c0 = 800.0"));
         let far = |text: &str| table(&text.replace("91733.0", "9173.0"));
         let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(&own)).unwrap();
-        assert!(guarded.take(&bent(&other)).unwrap_err().is_other_unit);
-        assert!(!guarded.take(&far(&own)).unwrap_err().is_other_unit);
-        assert!(!guarded.take(&far(TABLE)).unwrap_err().is_other_unit);
+        assert!(guarded.take(&bent(&other)).unwrap_err().is_other_device);
+        assert!(!guarded.take(&far(&own)).unwrap_err().is_other_device);
+        assert!(!guarded.take(&far(TABLE)).unwrap_err().is_other_device);
         assert!(guarded.take(&table(&other)).unwrap().contains("serial 7 -> 8"));
         let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(TABLE)).unwrap();
-        assert!(!guarded.take(&bent(&own)).unwrap_err().is_other_unit, "its number was not known");
+        assert!(!guarded.take(&bent(&own)).unwrap_err().is_other_device, "its number was not known");
     }
 
     #[test]

@@ -235,7 +235,7 @@ struct LoggedLosses {
     at: Option<Instant>,
 }
 
-/// Samples of another unit than the table's: how many there were of which table, and the session and the unit with its
+/// Samples of another device than the table's: how many there were of which table, and the session and the unit with its
 /// table of the last log line.
 #[derive(Default)]
 struct LoggedDevice {
@@ -306,7 +306,7 @@ impl ImuState {
         self.may_wait && self.is_absent && self.tables.alive.is_empty()
     }
 
-    /// The unit of the last sample, if that was answered with the table in force and is of another unit than this.
+    /// The unit of the last sample, if that was answered with the table in force and is of another device than this.
     pub(crate) fn other_device(&self) -> Option<u64> {
         let other = self.counters.last_other_device()?;
         (other.table == self.in_force()?.table.id()).then_some(other.device)
@@ -490,7 +490,7 @@ impl ImuState {
             warn!(
                 imu = %self.imu.id,
                 device = format!("{:016x}", other.device),
-                "the samples are of another unit than the table, which is of serial number {serial:?}: the increments are computed with \
+                "the samples are of another device than the table, which is of serial number {serial:?}: the increments are computed with \
                  it and flagged other-device; give this unit its own table, or correct the acquisition's serial number"
             );
             *last = now;
@@ -500,8 +500,8 @@ impl ImuState {
 
     /// Logs that samples have gyroscopes and the table has none: once for each session and table.
     fn log_unused_gyroscopes(&mut self) {
-        let telemetry = self.counters.telemetry(SensorKind::Gyroscope);
-        let sent = telemetry.as_flattened().iter().flatten().any(|telemetry| *telemetry != 0.0);
+        let temperature = self.counters.temperature(SensorKind::Gyroscope);
+        let sent = temperature.as_flattened().iter().flatten().any(|temperature| *temperature != 0.0);
         let now = Some((self.counters.sessions(), self.counters.table()));
         let unused = sent && self.in_force().is_some_and(|sent| sent.table.content().gyroscopes.is_none());
         if unused && now != self.logged_gyroscopes {

@@ -3,7 +3,7 @@
 //! A service that has served once serves again: an IMU whose file is refused, damaged or absent is served with the
 //! table that was in force last. An IMU of which nothing is known is served without a table, if others can be served.
 //! There are three exceptions, in which the service does not start: it is the first start; the configuration asks for
-//! it; or the file is the table of another unit, so that the table from before is wrong.
+//! it; or the file is the table of another device, so that the table from before is wrong.
 
 use crate::config::{AtStart, Config, Imu};
 use crate::events::{FileChange, FileReport};
@@ -23,8 +23,8 @@ enum TableChoice {
     Kept(Failure),
     /// There is nothing to serve.
     Nothing(Failure),
-    /// It is the table of another unit than the one that was in force last.
-    OtherUnit(Failure),
+    /// It is the table of another device than the one that was in force last.
+    OtherDevice(Failure),
 }
 
 /// Chooses the first tables. `reports` says what was found in the files, in the order of the IMUs; `None` if a file has
@@ -47,13 +47,13 @@ pub(crate) fn choose(
         TableChoice::File | TableChoice::Uncalibrated(_) => false,
         TableChoice::Kept(_) => config.at_start == AtStart::Exit,
         TableChoice::Nothing(_) => config.at_start == AtStart::Exit || is_first_start || !is_served,
-        TableChoice::OtherUnit(_) => true,
+        TableChoice::OtherDevice(_) => true,
     };
     let (mut failures, mut tables) = (Vec::new(), Vec::new());
     for (imu, (choice, first)) in config.imus.iter().zip(chosen) {
         let exits = must_exit(&choice);
         match choice {
-            TableChoice::Kept(failure) | TableChoice::Nothing(failure) | TableChoice::OtherUnit(failure) if exits => {
+            TableChoice::Kept(failure) | TableChoice::Nothing(failure) | TableChoice::OtherDevice(failure) if exits => {
                 failures.push(failure);
             }
             choice => log(imu, &choice, &first),
@@ -72,7 +72,7 @@ fn choose_one(
     let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
     let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
     let accepted = guard.accepted();
-    let (failure, table, is_other_unit) = match report.map(|report| report.change) {
+    let (failure, table, is_other_device) = match report.map(|report| report.change) {
         Some(FileChange::Loaded(table)) => match guard.admit(&table, &accepted) {
             Ok(admission) => {
                 let table = Some((table, admission));
@@ -82,7 +82,7 @@ fn choose_one(
             Err(refusal) => {
                 let message = format!("{}: {}", shown(&imu.table), refusal.reason);
                 let failure = Failure::new(Exit::Config, message).at(&imu.table, None);
-                (failure, Some(table), refusal.is_other_unit)
+                (failure, Some(table), refusal.is_other_device)
             }
         },
         Some(FileChange::Refused(error)) => (Failure::from(error), None, false),
@@ -95,7 +95,7 @@ fn choose_one(
     let reference = guard.memory().reference().cloned();
     let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {
-        _ if is_other_unit => TableChoice::OtherUnit(exchanged(failure)),
+        _ if is_other_device => TableChoice::OtherDevice(exchanged(failure)),
         Some(_) => TableChoice::Kept(failure),
         None if allow_uncalibrated && is_absent => TableChoice::Uncalibrated(failure),
         None => TableChoice::Nothing(failure),
@@ -104,7 +104,7 @@ fn choose_one(
     (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: Vec::new() })
 }
 
-/// The failure of a file with the table of another unit.
+/// The failure of a file with the table of another device.
 fn exchanged(failure: Failure) -> Failure {
     let message = format!(
         "{}\nthe IMU was exchanged, or the file is not its own: the table that was in force last is of the other unit, and is not served \
@@ -127,7 +127,7 @@ fn log(imu: &Imu, choice: &TableChoice, first: &FirstTable) {
             "the table file is not taken, and the table that was in force last is served: {}", line(failure)
         ),
         (TableChoice::Uncalibrated(failure), _) => warn!(imu = %id, "no table yet, serving NaN: {}", line(failure)),
-        (TableChoice::Nothing(failure) | TableChoice::OtherUnit(failure), _) => error!(
+        (TableChoice::Nothing(failure) | TableChoice::OtherDevice(failure), _) => error!(
             imu = %id, %file,
             "there is no table for this IMU, and the others are served: its increments are NaN, flagged no-table: {}", line(failure)
         ),
@@ -155,13 +155,13 @@ mod tests {
         /// A table that changes too much.
         Far,
         /// One of another serial number, with other curves.
-        OtherUnit,
+        OtherDevice,
         Damaged,
         Absent,
         /// Its disk does not answer.
         Silent,
     }
-    use FileState::{Absent, Damaged, Far, Good, OtherUnit, Silent};
+    use FileState::{Absent, Damaged, Far, Good, OtherDevice, Silent};
 
     fn table(serial: &str, from: &str, to: &str) -> Arc<CoefficientTable> {
         let text = TABLE.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1).replace(from, to);
@@ -174,7 +174,7 @@ mod tests {
         let change = match state {
             Good => FileChange::Loaded(table("7", "c0 = 793.55", "c0 = 793.56")),
             Far => FileChange::Loaded(table("7", "91733.0", "9173.0")),
-            OtherUnit => FileChange::Loaded(table("8", "c0 = 793.55", "c0 = 793.56")),
+            OtherDevice => FileChange::Loaded(table("8", "c0 = 793.55", "c0 = 793.56")),
             Damaged | Absent => refused("no such file"),
             Silent => return None,
         };
@@ -223,8 +223,8 @@ mod tests {
         }
         assert_eq!(serve(&[(Good, true), (Good, false)], AtStart::Keep, false), Ok(vec![(true, false); 2]));
         // An IMU that was exchanged: what is kept is wrong, too.
-        assert!(serve(&[(OtherUnit, true)], AtStart::Keep, false).is_err());
-        assert_eq!(serve(&[(OtherUnit, false)], AtStart::Keep, false), Ok(vec![(true, false)]));
+        assert!(serve(&[(OtherDevice, true)], AtStart::Keep, false).is_err());
+        assert_eq!(serve(&[(OtherDevice, false)], AtStart::Keep, false), Ok(vec![(true, false)]));
     }
 
     #[test]

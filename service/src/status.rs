@@ -25,9 +25,9 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
     let in_force = imu.in_force();
     let latency = counters.latency();
     let table = in_force.map(|sent| &*sent.table);
-    let [head_temperature, board_temperature] = counters.telemetry(SensorKind::Accelerometer);
+    let [head_temperature, board_temperature] = counters.temperature(SensorKind::Accelerometer);
     let gyroscopes = |ranges| {
-        let [head_temperature, board_temperature] = counters.telemetry(SensorKind::Gyroscope);
+        let [head_temperature, board_temperature] = counters.temperature(SensorKind::Gyroscope);
         GyroscopeStatus { ranges, head_temperature, board_temperature }
     };
     let refused = imu.last_error.as_ref();

@@ -4,7 +4,7 @@
 //! A sensor's converter counts N+ pulses on its positive and N- on its negative channel during the control period Ts.
 //! With the scale factors K+ > 0 and K- < 0, the indicated input integrated over Ts is `N+/K+ + N-/K-`: the negative
 //! channel's term is negative because K- is. The bias is what the sensor indicates without input, so it is subtracted.
-//! A bias with a transient coefficient t follows the difference between the head's telemetry and its own first-order
+//! A bias with a transient coefficient t follows the difference between the head's temperature and its own first-order
 //! lag, which the sample carries. For an accelerometer (K \[pulse/(s*g0)\], bias A \[g0\]) and a gyroscope (K
 //! \[pulse/arcsec\], bias D \[deg/h\], which is arcsec/s):
 //!
@@ -89,7 +89,7 @@ pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment:
     } else {
         (increment.velocity_increment, increment.angle_increment, flags) = any(table.content(), raw, &period);
     }
-    if raw.telemetry_age_s() > kernel.max_age_s {
+    if raw.temperature_age_s() > kernel.max_age_s {
         flags |= Flags::TELEMETRY_STALE;
     }
     if raw.device != 0 && kernel.device != 0 && raw.device != kernel.device {
@@ -107,7 +107,7 @@ struct Period {
     ts: f64,
     /// Whether the control period can be compensated.
     valid: bool,
-    /// Whether the lagged telemetry has the table's time constant.
+    /// Whether the lagged temperature has the table's time constant.
     lagged: bool,
 }
 
@@ -176,9 +176,9 @@ fn triad(content: &Content, axes: &[Axis; AXES], triad: &Triad, period: &Period)
         if unusable {
             continue;
         }
-        let used = |polynomial: &Polynomial, telemetry: f64| match content.out_of_range {
-            OutOfRange::Clamp => polynomial.clamp(telemetry),
-            OutOfRange::Extrapolate | OutOfRange::Reject => telemetry,
+        let used = |polynomial: &Polynomial, temperature: f64| match content.out_of_range {
+            OutOfRange::Clamp => polynomial.clamp(temperature),
+            OutOfRange::Extrapolate | OutOfRange::Reject => temperature,
         };
         let bias = axis.bias.at(used(&axis.bias, head)) + transient;
         *indicated = input(
@@ -191,7 +191,7 @@ fn triad(content: &Content, axes: &[Axis; AXES], triad: &Triad, period: &Period)
     (indicated, flags)
 }
 
-/// Lagged minus present head telemetry; `None` if it is not finite, or larger than the width of the bias's range.
+/// Lagged minus present head temperature; `None` if it is not finite, or larger than the width of the bias's range.
 fn lag_difference(axis: &Axis, triad: &Triad, index: usize) -> Option<f64> {
     let [low, high] = axis.bias.range();
     let difference = triad.head_lagged[index] - triad.head_temperature[index];
@@ -229,7 +229,7 @@ const fn has_valid_interval(raw: &RawSample) -> bool {
     raw.interval_ns != 0 && raw.interval_ns <= MAX_INTERVAL_NS
 }
 
-/// The flags of telemetry that is NaN or infinite.
+/// The flags of temperature that is NaN or infinite.
 fn not_finite_flags(triad: &Triad) -> Flags {
     let mut flags = Flags::default();
     for index in 0..AXES {
@@ -240,7 +240,7 @@ fn not_finite_flags(triad: &Triad) -> Flags {
     flags
 }
 
-/// The flags of telemetry outside its range; telemetry that is not finite gets none of them.
+/// The flags of temperature outside its range; temperature that is not finite gets none of them.
 fn range_flags(index: usize, axis: &Axis, head: f64, board: f64) -> Flags {
     let mut flags = Flags::default();
     if head.is_finite() {

@@ -37,13 +37,13 @@ type Columns = [Axes; AXES];
 /// What the kernel reads of a table.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
-    /// Time constant of the lagged telemetry \[ns\]; 0 without lag.
+    /// Time constant of the lagged temperature \[ns\]; 0 without lag.
     pub lag_ns: u64,
     /// The control period that the scale factors are of \[ns\]; 0 if they are of none.
     pub nominal_ns: u64,
     /// The unit that the table belongs to; 0 = unknown.
     pub device: u64,
-    /// Telemetry older than this is flagged \[s\]; infinite without a limit.
+    /// Temperature older than this is flagged \[s\]; infinite without a limit.
     pub max_age_s: f64,
     /// Whether any bias has a transient term.
     pub has_transients: bool,
@@ -98,10 +98,10 @@ impl Kernel {
     }
 
     /// Velocity increments \[m/s\] and angle increments \[rad\] over Ts \[s\], which must be valid. `lagged` tells
-    /// whether the lagged telemetry counts.
+    /// whether the lagged temperature counts.
     ///
-    /// `None` for the unusual: unless every telemetry is inside the range of every polynomial that it drives, and
-    /// therefore finite, every difference of the lagged telemetry can be used, every scale factor and result is finite,
+    /// `None` for the unusual: unless every temperature is inside the range of every polynomial that it drives, and
+    /// therefore finite, every difference of the lagged temperature can be used, every scale factor and result is finite,
     /// and no pulse rate is near its limit.
     #[inline(always)]
     pub(crate) fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
@@ -215,9 +215,9 @@ struct Lanes<const P: usize> {
     plain: bool,
     center: [Pairs<P>; QUANTITIES],
     scale: [Pairs<P>; QUANTITIES],
-    /// Between these head telemetry is inside the range of the bias.
+    /// Between these head temperature is inside the range of the bias.
     head: [Pairs<P>; 2],
-    /// Between these board telemetry is inside the ranges of both scale factors.
+    /// Between these board temperature is inside the ranges of both scale factors.
     board: [Pairs<P>; 2],
     /// The bias's unit in g0 or deg/h.
     bias_unit: Pairs<P>,
@@ -229,7 +229,7 @@ struct Lanes<const P: usize> {
     rate: Pairs<P>,
 }
 
-/// Largest difference of the lagged telemetry that is used; any finite one where there is no transient term to use it.
+/// Largest difference of the lagged temperature that is used; any finite one where there is no transient term to use it.
 fn max_lag_difference(axis: &Axis) -> f64 {
     let [low, high] = axis.bias.range();
     if axis.transient == 0.0 { f64::MAX } else { high - low }

@@ -1,11 +1,11 @@
-//! The lagged telemetry: the head telemetry of each sensor behind a first-order lag. The transient term of a bias needs
+//! The lagged temperature: the head temperature of each sensor behind a first-order lag. The transient term of a bias needs
 //! it.
 //!
 //! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline
-//! tools for recordings that have no lagged telemetry.
+//! tools for recordings that have no lagged temperature.
 //!
 //! # Formula
-//! L follows the telemetry U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be
+//! L follows the temperature U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be
 //! soaked. For a later one, dt after the last,
 //!
 //! ```text
@@ -13,10 +13,10 @@
 //! k = (1 - a) * tau / dt
 //! L = U + (L_last - U_last) * a - (U - U_last) * k
 //! ```
-//! which is exact for telemetry that is linear between two readings. So L does not depend on how often the telemetry is
+//! which is exact for temperature that is linear between two readings. So L does not depend on how often the temperature is
 //! read.
 //!
-//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the telemetry would be
+//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the temperature would be
 //! taken to rise in one sample what it rose since the last measurement.
 
 use crate::wire::{AXES, RawSample};
@@ -31,11 +31,11 @@ pub const SENSORS: usize = 2 * AXES;
 /// The state of one sensor: its last reading, and L at that time.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct LaggedReading {
-    /// When the telemetry was measured, on the acquisition's clock \[ns\].
+    /// When the temperature was measured, on the acquisition's clock \[ns\].
     pub time_ns: u64,
-    /// Head telemetry U, in the table's unit.
-    pub telemetry: f64,
-    /// Lagged telemetry L, in the table's unit.
+    /// Head temperature U, in the table's unit.
+    pub temperature: f64,
+    /// Lagged temperature L, in the table's unit.
     pub lagged: f64,
 }
 
@@ -98,40 +98,40 @@ impl Lag {
         self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE)
     }
 
-    /// Takes a new reading of one of the [`SENSORS`]: the head telemetry, and when it was measured on the acquisition's
+    /// Takes a new reading of one of the [`SENSORS`]: the head temperature, and when it was measured on the acquisition's
     /// clock \[ns\].
     ///
     /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does
-    /// not exist. One of an earlier time is of a clock that was set back: L is kept, and the telemetry goes on from
+    /// not exist. One of an earlier time is of a clock that was set back: L is kept, and the temperature goes on from
     /// there.
-    pub fn read(&mut self, sensor: usize, telemetry: f64, time_ns: u64) {
+    pub fn read(&mut self, sensor: usize, temperature: f64, time_ns: u64) {
         let Some(state) = self.sensors.get_mut(sensor) else { return };
-        if !telemetry.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
+        if !temperature.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
             return;
         }
         let passed = state.and_then(|last| time_ns.checked_sub(last.time_ns));
         if let Some(dt) = passed.filter(|_| self.lag_ns > 0) {
             self.unknown[sensor] *= (-(dt as f64 / self.lag_ns as f64)).exp();
         }
-        let soaked = LaggedReading { time_ns, telemetry, lagged: telemetry };
-        *state = Some(state.map_or(soaked, |last| last.next(telemetry, time_ns, self.lag_ns)));
+        let soaked = LaggedReading { time_ns, temperature, lagged: temperature };
+        *state = Some(state.map_or(soaked, |last| last.next(temperature, time_ns, self.lag_ns)));
     }
 
-    /// Takes the readings of a sample of which it is not known whether its telemetry is new, as in a recording. Its
+    /// Takes the readings of a sample of which it is not known whether its temperature is new, as in a recording. Its
     /// time is `telemetry_ns`. Where that is unknown, a value is a new measurement if it is not the last one of its
     /// sensor, at the sample's `timestamp_ns`.
     pub fn follow(&mut self, raw: &RawSample) {
-        for (sensor, telemetry) in heads(raw).into_iter().enumerate() {
+        for (sensor, temperature) in heads(raw).into_iter().enumerate() {
             if raw.telemetry_ns != 0 {
-                self.read(sensor, telemetry, raw.telemetry_ns);
-            } else if self.sensors[sensor].is_none_or(|last| last.telemetry != telemetry) {
-                self.read(sensor, telemetry, raw.timestamp_ns);
+                self.read(sensor, temperature, raw.telemetry_ns);
+            } else if self.sensors[sensor].is_none_or(|last| last.temperature != temperature) {
+                self.read(sensor, temperature, raw.timestamp_ns);
             }
         }
     }
 
-    /// Fills time constant and lagged telemetry of a sample in. A sensor without a reading is soaked at the sample's
-    /// telemetry.
+    /// Fills time constant and lagged temperature of a sample in. A sensor without a reading is soaked at the sample's
+    /// temperature.
     pub fn fill(&self, raw: &mut RawSample) {
         let mut lagged = heads(raw);
         for (lagged, state) in lagged.iter_mut().zip(&self.sensors) {
@@ -148,7 +148,7 @@ impl Lag {
     }
 }
 
-/// Completes the lagged telemetry of a recording's rows, in their order. Each session begins soaked.
+/// Completes the lagged temperature of a recording's rows, in their order. Each session begins soaked.
 ///
 /// ```
 /// use isotherm_shared::lag::LagCompletion;
@@ -195,20 +195,20 @@ impl LaggedReading {
     /// The state at the next reading, with the time constant `lag_ns` \[ns\]. A reading of the same or of an earlier
     /// time keeps L.
     #[must_use]
-    pub fn next(&self, telemetry: f64, time_ns: u64, lag_ns: u64) -> Self {
+    pub fn next(&self, temperature: f64, time_ns: u64, lag_ns: u64) -> Self {
         let passed = time_ns.checked_sub(self.time_ns).filter(|dt| *dt > 0);
         let lagged = passed.map_or(self.lagged, |dt| {
             let ratio = dt as f64 / lag_ns as f64;
             // 1 - a without cancellation.
             let k = -(-ratio).exp_m1() / ratio;
-            telemetry + (self.lagged - self.telemetry) * (-ratio).exp() - (telemetry - self.telemetry) * k
+            temperature + (self.lagged - self.temperature) * (-ratio).exp() - (temperature - self.temperature) * k
         });
         // Only with numbers near the largest double, or in a state that was handed over.
-        Self { time_ns, telemetry, lagged: if lagged.is_finite() { lagged } else { telemetry } }
+        Self { time_ns, temperature, lagged: if lagged.is_finite() { lagged } else { temperature } }
     }
 }
 
-/// Head telemetry of all sensors.
+/// Head temperature of all sensors.
 const fn heads(raw: &RawSample) -> [f64; SENSORS] {
     let ([a1, a2, a3], [g1, g2, g3]) = (raw.accelerometers.head_temperature, raw.gyroscopes.head_temperature);
     [a1, a2, a3, g1, g2, g3]
@@ -221,10 +221,10 @@ mod tests {
 
     #[test]
     fn a_session_of_a_recording_begins_soaked_and_rows_that_have_lag_stay() {
-        let row = |session, second: u64, telemetry| RawSample {
+        let row = |session, second: u64, temperature| RawSample {
             session,
             timestamp_ns: second * 1_000_000_000,
-            accelerometers: Triad { head_temperature: [telemetry; 3], ..Triad::default() },
+            accelerometers: Triad { head_temperature: [temperature; 3], ..Triad::default() },
             ..RawSample::default()
         };
         let mut completion = LagCompletion::new(100_000_000_000);
@@ -245,7 +245,7 @@ mod tests {
 
     const TAU_NS: u64 = 240_000_000_000;
 
-    /// L of one sensor after readings of a line: telemetry at time 0 and its slope \[1/s\].
+    /// L of one sensor after readings of a line: temperature at time 0 and its slope \[1/s\].
     fn of_line(start: f64, slope: f64, times_ns: &[u64]) -> f64 {
         let mut lag = Lag::new(TAU_NS);
         for time_ns in times_ns {
@@ -255,9 +255,9 @@ mod tests {
     }
 
     proptest! {
-        /// However often linear telemetry is read, L is the solution of the differential equation.
+        /// However often linear temperature is read, L is the solution of the differential equation.
         #[test]
-        fn linear_telemetry_is_exact_at_any_rate(
+        fn linear_temperature_is_exact_at_any_rate(
             start in -5.0..5.0f64,
             slope in -0.01..0.01f64,
             steps_ns in prop::collection::vec(1_000_000..300_000_000_000u64, 1..60),
@@ -279,20 +279,20 @@ mod tests {
 
         /// No reading, and no state that was handed over, makes L useless for good.
         #[test]
-        fn any_numbers_give_finite_lagged_telemetry(
+        fn any_numbers_give_finite_lagged_temperature(
             lag_ns in any::<u64>(),
             state in any::<Option<(u64, f64, f64)>>(),
             readings in prop::collection::vec((any::<u64>(), any::<u64>()), 1..20),
         ) {
             let mut lag = Lag::new(lag_ns);
-            lag.sensors[3] = state.map(|(time_ns, telemetry, lagged)| LaggedReading { time_ns, telemetry, lagged });
+            lag.sensors[3] = state.map(|(time_ns, temperature, lagged)| LaggedReading { time_ns, temperature, lagged });
             for (bits, time_ns) in readings {
-                let (telemetry, before) = (f64::from_bits(bits), lag);
-                lag.read(3, telemetry, time_ns);
+                let (temperature, before) = (f64::from_bits(bits), lag);
+                lag.read(3, temperature, time_ns);
                 let same_time = before.sensors[3].is_some_and(|last| last.time_ns == time_ns);
-                if telemetry.is_finite() && !same_time {
+                if temperature.is_finite() && !same_time {
                     let now = lag.sensors[3].unwrap();
-                    prop_assert_eq!((now.time_ns, now.telemetry), (time_ns, telemetry));
+                    prop_assert_eq!((now.time_ns, now.temperature), (time_ns, temperature));
                     prop_assert!(now.lagged.is_finite());
                 } else {
                     prop_assert_eq!(format!("{lag:?}"), format!("{before:?}"));
@@ -300,47 +300,47 @@ mod tests {
             }
         }
 
-        /// L stays between the lowest and the highest reading, whatever the telemetry does.
+        /// L stays between the lowest and the highest reading, whatever the temperature does.
         #[test]
-        fn lagged_telemetry_stays_within_the_readings(
+        fn lagged_temperature_stays_within_the_readings(
             readings in prop::collection::vec((1_000_000..1_000_000_000_000u64, 0.9..4.2f64), 1..60),
         ) {
             let (mut lag, mut time_ns) = (Lag::new(TAU_NS), 0);
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            for (step_ns, telemetry) in readings {
+            for (step_ns, temperature) in readings {
                 time_ns += step_ns;
-                (low, high) = (low.min(telemetry), high.max(telemetry));
-                lag.read(5, telemetry, time_ns);
+                (low, high) = (low.min(temperature), high.max(temperature));
+                lag.read(5, temperature, time_ns);
                 let lagged = lag.sensors[5].unwrap().lagged;
                 prop_assert!((low - 1e-12..=high + 1e-12).contains(&lagged), "{} of {}..{}", lagged, low, high);
             }
         }
     }
 
-    fn sample(telemetry_ns: u64, timestamp_ns: u64, telemetry: f64) -> RawSample {
-        let triad = Triad { head_temperature: [telemetry; AXES], ..Triad::default() };
+    fn sample(telemetry_ns: u64, timestamp_ns: u64, temperature: f64) -> RawSample {
+        let triad = Triad { head_temperature: [temperature; AXES], ..Triad::default() };
         RawSample { telemetry_ns, timestamp_ns, accelerometers: triad, gyroscopes: triad, ..RawSample::default() }
     }
 
-    /// A step of the telemetry by 1 in one second, two seconds after the first reading.
+    /// A step of the temperature by 1 in one second, two seconds after the first reading.
     const STEP: [(u64, f64); 3] = [(1_000_000_000, 1.0), (2_000_000_000, 1.0), (3_000_000_000, 2.0)];
 
     #[test]
     fn a_value_that_is_only_repeated_is_no_reading() {
         let exact = of_readings(&STEP);
         let mut lag = Lag::new(TAU_NS);
-        for (time_ns, telemetry) in STEP {
+        for (time_ns, temperature) in STEP {
             // The samples between two readings repeat the last one.
             for timestamp_ns in (time_ns..time_ns + 1_000_000_000).step_by(50_000_000) {
-                lag.follow(&sample(time_ns, timestamp_ns, telemetry));
+                lag.follow(&sample(time_ns, timestamp_ns, temperature));
             }
         }
         assert_eq!(lag.sensors, [exact.sensors[0]; SENSORS]);
-        // Where the time of the telemetry is unknown, only a change shows that it was read.
+        // Where the time of the temperature is unknown, only a change shows that it was read.
         let mut lag = Lag::new(TAU_NS);
-        for (time_ns, telemetry) in STEP {
+        for (time_ns, temperature) in STEP {
             for timestamp_ns in (time_ns..time_ns + 1_000_000_000).step_by(50_000_000) {
-                lag.follow(&sample(0, timestamp_ns, telemetry));
+                lag.follow(&sample(0, timestamp_ns, temperature));
             }
         }
         assert_eq!(lag.sensors, [of_readings(&[STEP[0], STEP[2]]).sensors[0]; SENSORS]);
@@ -348,7 +348,7 @@ mod tests {
 
     fn of_readings(readings: &[(u64, f64)]) -> Lag {
         let mut lag = Lag::new(TAU_NS);
-        readings.iter().for_each(|(time_ns, telemetry)| lag.read(0, *telemetry, *time_ns));
+        readings.iter().for_each(|(time_ns, temperature)| lag.read(0, *temperature, *time_ns));
         lag
     }
 
@@ -357,8 +357,8 @@ mod tests {
         let mut lag = Lag::new(TAU_NS);
         lag.read(0, f64::NAN, 0);
         assert_eq!(lag, Lag::new(TAU_NS));
-        for (time_ns, telemetry) in STEP {
-            lag.read(0, telemetry, time_ns);
+        for (time_ns, temperature) in STEP {
+            lag.read(0, temperature, time_ns);
             lag.read(0, f64::NAN, time_ns + 1);
             lag.read(0, f64::INFINITY, time_ns + 2);
         }
@@ -371,7 +371,7 @@ mod tests {
         let mut lag = of_readings(&STEP);
         let before = lag.sensors[0].unwrap();
         lag.read(0, 2.5, 7);
-        assert_eq!(lag.sensors[0], Some(LaggedReading { time_ns: 7, telemetry: 2.5, lagged: before.lagged }));
+        assert_eq!(lag.sensors[0], Some(LaggedReading { time_ns: 7, temperature: 2.5, lagged: before.lagged }));
         lag.read(0, 2.5, 7 + 100 * TAU_NS);
         assert!((lag.sensors[0].unwrap().lagged - 2.5).abs() < 1e-12, "soaked at last");
     }
@@ -380,17 +380,17 @@ mod tests {
     fn an_unknown_start_is_known_after_three_time_constants() {
         const SECOND: u64 = 1_000_000_000;
         // Of two sensors with the same readings one was not soaked at the first, but 0.7 colder.
-        let telemetry = |seconds: u64| 1.2 + 1e-4 * seconds as f64;
+        let temperature = |seconds: u64| 1.2 + 1e-4 * seconds as f64;
         let mut lag = Lag::new(TAU_NS);
         lag.forget(0);
         lag.forget(SENSORS);
         assert_eq!(lag.unknown, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let mut right = LaggedReading { time_ns: 0, telemetry: telemetry(0), lagged: telemetry(0) - 0.7 };
+        let mut right = LaggedReading { time_ns: 0, temperature: temperature(0), lagged: temperature(0) - 0.7 };
         for seconds in (0..1200).step_by(10) {
             if seconds > 0 {
-                right = right.next(telemetry(seconds), seconds * SECOND, TAU_NS);
+                right = right.next(temperature(seconds), seconds * SECOND, TAU_NS);
             }
-            (0..2).for_each(|sensor| lag.read(sensor, telemetry(seconds), seconds * SECOND));
+            (0..2).for_each(|sensor| lag.read(sensor, temperature(seconds), seconds * SECOND));
             assert_eq!(lag.is_known(0), seconds >= 720, "after {seconds} s");
             assert!(lag.is_known(1) && !lag.is_known(SENSORS));
             // The share is that of the difference at the start which is left.

@@ -2,9 +2,9 @@
 //!
 //! # Primer
 //! An IMU has three quartz flexure accelerometers, A1, A2, A3. Each delivers **pulses** on two channels, one for each
-//! sign, and two temperature **telemetries**. The telemetry of the sensor head drives the **bias** A \[g0\]; the
-//! telemetry of the converter board drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are
-//! polynomials of the telemetry, kept in a [`CoefficientTable`](table::CoefficientTable). Over a control period Ts
+//! sign, and two **temperatures**. The temperature of the sensor head drives the **bias** A \[g0\]; the
+//! temperature of the converter board drives the **scale factors** K+ > 0 and K- < 0 \[pulse/(s*g0)\]. All three are
+//! polynomials of the temperature, kept in a [`CoefficientTable`](table::CoefficientTable). Over a control period Ts
 //! \[s\]
 //!
 //! ```text

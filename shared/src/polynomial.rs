@@ -1,4 +1,4 @@
-//! A polynomial of temperature telemetry, with the range in which it was calibrated.
+//! A polynomial of temperature, with the range in which it was calibrated.
 //!
 //! ```text
 //! x = (U - center) / scale          p(x) = c0 + c1 x + ... + cn x^n,   n <= 7
@@ -10,7 +10,7 @@
 /// Highest order of a table's polynomial.
 pub const MAX_ORDER: usize = 7;
 
-/// A polynomial of order 0 to [`MAX_ORDER`] over a range of telemetry. Coefficients, centre, scale and range are always
+/// A polynomial of order 0 to [`MAX_ORDER`] over a range of temperature. Coefficients, centre, scale and range are always
 /// finite, the scale is never 0, and the range is never empty.
 ///
 /// ```
@@ -31,7 +31,7 @@ pub struct Polynomial {
     range: [f64; 2],
 }
 
-/// Where a telemetry value lies with respect to a range.
+/// Where a temperature value lies with respect to a range.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Side {
     /// Below the lower end.
@@ -45,7 +45,7 @@ pub enum Side {
 /// A point where a polynomial is on the wrong side of a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
-    /// Telemetry at that point.
+    /// Temperature at that point.
     pub at: f64,
     /// The polynomial's value there.
     pub value: f64,
@@ -77,56 +77,59 @@ impl Polynomial {
         &self.coefficients[..self.len]
     }
 
-    /// Centre, which is subtracted from the telemetry; in the telemetry's unit.
+    /// Centre, which is subtracted from the temperature; in the temperature's unit.
     #[must_use]
     pub const fn center(&self) -> f64 {
         self.center
     }
 
-    /// Scale, which divides the centred telemetry; in the telemetry's unit, never 0.
+    /// Scale, which divides the centred temperature; in the temperature's unit, never 0.
     #[must_use]
     pub const fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// Lower and upper end of the calibrated range of telemetry.
+    /// Lower and upper end of the calibrated range of temperature.
     #[must_use]
     pub const fn range(&self) -> [f64; 2] {
         self.range
     }
 
-    /// On which side of the range `telemetry` (not NaN) lies.
+    /// On which side of the range `temperature` (not NaN) lies.
     #[must_use]
     #[inline]
-    pub fn side(&self, telemetry: f64) -> Side {
-        if telemetry < self.range[0] {
+    pub fn side(&self, temperature: f64) -> Side {
+        if temperature < self.range[0] {
             Side::Below
-        } else if telemetry > self.range[1] {
+        } else if temperature > self.range[1] {
             Side::Above
         } else {
             Side::Inside
         }
     }
 
-    /// The nearest telemetry within the range.
+    /// The nearest temperature within the range.
     #[must_use]
     #[inline]
-    pub fn clamp(&self, telemetry: f64) -> f64 {
-        telemetry.clamp(self.range[0], self.range[1])
+    pub fn clamp(&self, temperature: f64) -> f64 {
+        temperature.clamp(self.range[0], self.range[1])
     }
 
-    /// The polynomial at `telemetry`, inside the range or not.
+    /// The polynomial at `temperature`, inside the range or not.
     #[must_use]
     #[inline]
-    pub fn at(&self, telemetry: f64) -> f64 {
+    pub fn at(&self, temperature: f64) -> f64 {
         // (U - 0) / 1 is U to the last bit; this test saves nine divisions a sample.
-        let x =
-            if self.center == 0.0 && self.scale == 1.0 { telemetry } else { (telemetry - self.center) / self.scale };
+        let x = if self.center == 0.0 && self.scale == 1.0 {
+            temperature
+        } else {
+            (temperature - self.center) / self.scale
+        };
         let (last, lower) = self.coefficients().split_last().unwrap_or((&0.0, &[]));
         lower.iter().rev().fold(*last, |r, c| r * x + c)
     }
 
-    /// Searches the range for telemetry where the polynomial is below `limit`; `None` if there is none.
+    /// Searches the range for temperature where the polynomial is below `limit`; `None` if there is none.
     ///
     /// The Bernstein coefficients over an interval enclose the polynomial there, and the first and the last one are its
     /// values at the ends. If all are at or above the limit, the interval has no violation. If the first or the last is
@@ -145,7 +148,7 @@ impl Polynomial {
         self.violation(1.0, limit)
     }
 
-    /// As [`below`](Self::below), for telemetry where the polynomial is above `limit`.
+    /// As [`below`](Self::below), for temperature where the polynomial is above `limit`.
     #[must_use]
     pub fn above(&self, limit: f64) -> Option<Violation> {
         self.violation(-1.0, -limit)

@@ -157,25 +157,25 @@ pub struct ImuStatus {
     pub table_modified_unix_s: Option<f64>,
     /// Serial number in the table in force; null without one.
     pub serial: Option<String>,
-    /// Number of the unit that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
+    /// Number of the device that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
-    /// Number of the unit that the last sample came from, if it was answered with the table in force and that is not
+    /// Number of the device that the last sample came from, if it was answered with the table in force and that is not
     /// the table's unit; else null. `OTHER UNIT` for people.
     pub other_device: Option<String>,
-    /// Time constant of the lagged telemetry in the table in force \[s\]; null without one.
+    /// Time constant of the lagged temperature in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
-    /// Time constant of the lagged telemetry of the last sample \[s\]; null if it has none, or before the first sample.
+    /// Time constant of the lagged temperature of the last sample \[s\]; null if it has none, or before the first sample.
     /// If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
     pub sample_lag_s: Option<f64>,
     /// Nominal interval that the scale factors of the table in force are of \[s\]; null without one, as of counts.
     #[serde(default)]
     pub nominal_interval_s: Option<f64>,
-    /// The telemetry that its polynomials were calibrated over; null without a table.
+    /// The temperature that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
-    /// Head telemetry of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first
+    /// Head temperature of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first
     /// sample.
     pub head_temperature: [Option<f64>; AXES],
-    /// Board telemetry of the last sample, as for the heads.
+    /// Board temperature of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
     /// The gyroscopes; absent where the table in force has none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -310,28 +310,28 @@ impl ImuStatus {
 }
 
 described! {
-/// Telemetry of the gyroscopes, in the same form as that of the accelerometers.
+/// Temperature of the gyroscopes, in the same form as that of the accelerometers.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct GyroscopeStatus {
-    /// The telemetry that their polynomials were calibrated over.
+    /// The temperature that their polynomials were calibrated over.
     pub ranges: Ranges,
-    /// Head telemetry of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first
+    /// Head temperature of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first
     /// sample.
     pub head_temperature: [Option<f64>; AXES],
-    /// Board telemetry of the last sample, as for the heads.
+    /// Board temperature of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
 }
 }
 
 described! {
-/// The telemetry that the sensors of a triad were calibrated over.
+/// The temperature that the sensors of a triad were calibrated over.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Ranges {
-    /// Unit of the telemetry, a label.
+    /// Unit of the temperature, a label.
     pub unit: String,
-    /// Lower and upper end of the bias's range of head telemetry, of the three sensors.
+    /// Lower and upper end of the bias's range of head temperature, of the three sensors.
     pub head: [[f64; 2]; AXES],
-    /// Lower and upper end of the board telemetry that is in the ranges of both K+ and K-, of the three sensors.
+    /// Lower and upper end of the board temperature that is in the ranges of both K+ and K-, of the three sensors.
     pub board: [[f64; 2]; AXES],
 }
 }

@@ -15,7 +15,7 @@ pub struct PositiveScaleFactor(pub f64);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NegativeScaleFactor(pub f64);
 
-/// The labels of telemetry that is a temperature in degrees Celsius.
+/// The labels of temperature that is a temperature in degrees Celsius.
 pub const CELSIUS: [&str; 3] = ["degC", "\u{b0}C", "C"];
 
 /// One arc second \[rad\]: pi / 648000 as the nearest double.

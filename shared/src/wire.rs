@@ -26,16 +26,16 @@ pub struct Triad {
     pub positive_pulses: [u32; AXES],
     /// Pulses of the negative channel in Ts (N-), counted upwards from 0 like the positive ones.
     pub negative_pulses: [u32; AXES],
-    /// Telemetry of the sensing element, in the table's unit; it drives the bias.
+    /// Temperature of the sensing element, in the table's unit; it drives the bias.
     pub head_temperature: [f64; AXES],
-    /// Telemetry of the converter board, in the table's unit; it drives both scale factors.
+    /// Temperature of the converter board, in the table's unit; it drives both scale factors.
     pub board_temperature: [f64; AXES],
-    /// The head telemetry behind a first-order lag of [`RawSample::lag_ns`], in the table's unit; unused if that is 0.
+    /// The head temperature behind a first-order lag of [`RawSample::lag_ns`], in the table's unit; unused if that is 0.
     pub head_lagged: [f64; AXES],
 }
 
 impl Triad {
-    /// Sensors that the IMU does not have: no pulses, and telemetry that is NaN. A table that has them gives NaN,
+    /// Sensors that the IMU does not have: no pulses, and temperature that is NaN. A table that has them gives NaN,
     /// flagged `not-finite`.
     pub const ABSENT: Self = Self {
         positive_pulses: [0; AXES],
@@ -45,12 +45,12 @@ impl Triad {
         head_lagged: [0.0; AXES],
     };
 
-    /// Whether this is the triad of an IMU without these sensors: no pulses, and all telemetry NaN, as in
+    /// Whether this is the triad of an IMU without these sensors: no pulses, and all temperature NaN, as in
     /// [`ABSENT`](Self::ABSENT), or all +0, as in a zeroed structure of C.
     #[must_use]
     pub fn is_absent(&self) -> bool {
-        let telemetry = [self.head_temperature, self.board_temperature];
-        let all = |is: fn(f64) -> bool| telemetry.as_flattened().iter().all(|&value| is(value));
+        let temperature = [self.head_temperature, self.board_temperature];
+        let all = |is: fn(f64) -> bool| temperature.as_flattened().iter().all(|&value| is(value));
         let unlagged = self.head_lagged.iter().all(|lagged| lagged.is_nan() || lagged.to_bits() == 0);
         let unused = self.positive_pulses == [0; AXES] && self.negative_pulses == [0; AXES] && unlagged;
         unused && (all(f64::is_nan) || all(|value| value.to_bits() == 0))
@@ -63,7 +63,7 @@ impl Triad {
     }
 }
 
-/// NaN, which is telemetry that nobody has read, equals NaN.
+/// NaN, which is temperature that nobody has read, equals NaN.
 impl PartialEq for Triad {
     fn eq(&self, other: &Self) -> bool {
         let same =
@@ -76,7 +76,7 @@ impl PartialEq for Triad {
     }
 }
 
-/// One control period as the acquisition saw it: the pulses of both channels and the latest temperature telemetry.
+/// One control period as the acquisition saw it: the pulses of both channels and the latest temperature.
 #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
 #[repr(C)]
 #[type_name("isotherm.RawSample.v2")]
@@ -93,13 +93,13 @@ pub struct RawSample {
     pub sent_ns: u64,
     /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown.
     pub telemetry_ns: u64,
-    /// Time constant of the lagged telemetry \[ns\]; 0 = there is none.
+    /// Time constant of the lagged temperature \[ns\]; 0 = there is none.
     pub lag_ns: u64,
     /// Which unit this is: [`device`] of its serial number; 0 = unknown.
     pub device: u64,
     /// A1, A2, A3.
     pub accelerometers: Triad,
-    /// G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0).
+    /// G1, G2, G3; where the IMU has none, no pulses and temperature NaN (or 0).
     pub gyroscopes: Triad,
 }
 
@@ -122,7 +122,7 @@ impl Default for RawSample {
     }
 }
 
-/// The number of the unit with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer
+/// The number of the device with this serial number: the first 8 bytes of the SHA-256 of its UTF-8, big-endian. Outer
 /// blanks do not count; a serial number of nothing else is unknown, 0.
 ///
 /// ```
@@ -214,14 +214,14 @@ impl RawSample {
     /// two is not given.
     #[must_use]
     #[inline]
-    pub const fn telemetry_age_s(&self) -> f64 {
+    pub const fn temperature_age_s(&self) -> f64 {
         match (self.telemetry_ns, self.timestamp_ns) {
             (0, _) | (_, 0) => 0.0,
             (telemetry_ns, timestamp_ns) => timestamp_ns.abs_diff(telemetry_ns) as f64 / 1e9,
         }
     }
 
-    /// Adds the next control period to this one: pulses and intervals are summed, timestamp, telemetry and device
+    /// Adds the next control period to this one: pulses and intervals are summed, timestamp, temperature and device
     /// become the later ones, session, sequence and `sent_ns` stay.
     ///
     /// An interval of 0 is not known, and so is a sum with it: it stays 0, flagged [`Flags::INTERVAL`]. Else the pulses
@@ -270,7 +270,7 @@ impl RawSample {
 }
 
 impl Triad {
-    /// The pulses of both periods, and the telemetry of the later one.
+    /// The pulses of both periods, and the temperature of the later one.
     fn merged(&self, later: &Self) -> Result<Self, MergeError> {
         let sum = |a: [u32; AXES], b: [u32; AXES]| -> Result<[u32; AXES], MergeError> {
             let mut total = a;
@@ -343,19 +343,19 @@ macro_rules! flags {
 
 flags! {
     of_an_axis {
-        /// Head telemetry below the bias range. The increment is as the table's `out_of_range` says: computed at the
+        /// Head temperature below the bias range. The increment is as the table's `out_of_range` says: computed at the
         /// end of the range (clamp), computed by extrapolation, or NaN (reject).
         head_below = 0, "Calibrate over the temperatures of the mission.";
-        /// Head telemetry above the bias range. The increment is as the table's `out_of_range` says: computed at the
+        /// Head temperature above the bias range. The increment is as the table's `out_of_range` says: computed at the
         /// end of the range (clamp), computed by extrapolation, or NaN (reject).
         head_above = 3, "Calibrate over the temperatures of the mission.";
-        /// Board telemetry below the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
+        /// Board temperature below the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
         /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         board_below = 6, "Calibrate over the temperatures of the mission.";
-        /// Board telemetry above the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
+        /// Board temperature above the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
         /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         board_above = 9, "Calibrate over the temperatures of the mission.";
-        /// Telemetry NaN or infinite. The increment is NaN under any policy; with an alignment matrix on all axes of
+        /// Temperature NaN or infinite. The increment is NaN under any policy; with an alignment matrix on all axes of
         /// the triad.
         not_finite = 12,
             "Look for a dead thermistor or a reading that the acquisition has not filled in; use the other axes.";
@@ -368,10 +368,10 @@ flags! {
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
         /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
         NO_TABLE = 19, "Install the table's file; it is taken without a restart.";
-        /// The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period;
+        /// The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period;
         /// not flagged where its age is unknown. The increment is computed.
         TELEMETRY_STALE = 20,
-            "Look for a thermometer that is read no more, or read it more often. Newer than its period is telemetry of another \
+            "Look for a thermometer that is read no more, or read it more often. Newer than its period is temperature of another \
              clock: give `telemetry_ns` on that of `timestamp_ns`.";
         /// A bias had to do without its transient term: the sample's time constant is not the table's, it has none, or
         /// the lag difference is not finite or larger than the bias's range. The increment is computed without that
@@ -379,11 +379,11 @@ flags! {
         LAG_UNKNOWN = 21,
             "It ends by itself after a start or a new table. If it stays, feed `reading` with each temperature, and let the \
              lag follow the table's: docs/temperature-in-motion.md.";
-        /// The sample is of another unit than the table; not flagged where either is unknown. The increment is computed
+        /// The sample is of another device than the table; not flagged where either is unknown. The increment is computed
         /// with that table.
         OTHER_DEVICE = 22, "Give the unit its own table, or correct the serial number that the acquisition tells.";
         /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
-        G_UNKNOWN = 23, "Mend what makes the velocity increment NaN: another flag tells.";
+        G_UNKNOWN = 23, "Fix what makes the velocity increment NaN: another flag tells.";
         /// Samples of this session are missing before this one. The increment is computed.
         GAP = 24,
             "Time is missing before it: navigation begins anew. The acquisition should keep what a full queue hands back, \
@@ -591,7 +591,7 @@ mod tests {
     }
 
     #[test]
-    fn merging_sums_pulses_and_intervals_and_takes_the_later_telemetry() {
+    fn merging_sums_pulses_and_intervals_and_takes_the_later_temperature() {
         let mut first = sample();
         let later = RawSample {
             session: 7,

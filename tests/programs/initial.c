@@ -1,6 +1,6 @@
 /*
  * Sends two samples without gyroscopes, a loan as it comes and a sample of its own, and writes their increments to stdout as the bytes
- * of the structures: initial IMU TELEMETRY. It is valid C and C++.
+ * of the structures: initial IMU TEMPERATURE. It is valid C and C++.
  */
 #include <isotherm.h>
 #include <stdio.h>

@@ -131,7 +131,7 @@ impl TestLaboratory {
         for imu in imus {
             plan = plan.replace(&format!("install = \"{imu}.toml\""), &format!("install = \"../{imu}.toml\""));
         }
-        // The telemetry still drifts after such a short soak: without this key its drift is not checked.
+        // The temperature still drifts after such a short soak: without this key its drift is not checked.
         plan = plan
             .lines()
             .filter(|line| !line.starts_with("temperature_per_h"))

@@ -523,7 +523,7 @@ pub fn recording() -> Vec<RawSample> {
     RawCsvReader::new(fs::File::open(RUN).unwrap()).unwrap().map(Result::unwrap).collect()
 }
 
-/// Samples of a whole IMU that heats up and turns, 50 ms each. The telemetry is measured in every 20th sample, and
+/// Samples of a whole IMU that heats up and turns, 50 ms each. The temperature is measured in every 20th sample, and
 /// `telemetry_ns` and all that an acquisition adds are 0.
 pub fn whole_recording(count: usize) -> Vec<RawSample> {
     let mut state = 7_u32;
@@ -534,12 +534,12 @@ pub fn whole_recording(count: usize) -> Vec<RawSample> {
         })
     };
     let triad = |index: usize, offset: f64, pulses: [[u32; 3]; 2]| {
-        let telemetry = 1.2 + offset + 0.004 * (index / 20) as f64;
+        let temperature = 1.2 + offset + 0.004 * (index / 20) as f64;
         Triad {
             positive_pulses: pulses[0],
             negative_pulses: pulses[1],
-            head_temperature: [telemetry, telemetry + 0.01, telemetry + 0.02],
-            board_temperature: [telemetry - 0.01, telemetry, telemetry + 0.03],
+            head_temperature: [temperature, temperature + 0.01, temperature + 0.02],
+            board_temperature: [temperature - 0.01, temperature, temperature + 0.03],
             head_lagged: [0.0; 3],
         }
     };
@@ -555,7 +555,7 @@ pub fn whole_recording(count: usize) -> Vec<RawSample> {
         .collect()
 }
 
-/// The samples as an acquisition sends them that follows their telemetry with this time constant, for a unit of this
+/// The samples as an acquisition sends them that follows their temperature with this time constant, for a unit of this
 /// serial number.
 pub fn completed(samples: &[RawSample], lag_ns: u64, serial: &str) -> Vec<RawSample> {
     let mut lag = Lag::new(lag_ns);

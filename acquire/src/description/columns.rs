@@ -242,18 +242,18 @@ pub(super) fn resolve(
 ) -> Option<Columns> {
     let accelerometer = axes(root, "accelerometer", &sensors.accelerometer, names);
     let gyroscope = sensors.gyroscope.as_ref().map(|of| axes(root, "gyroscope", of, names));
-    let telemetry = telemetry(root, &sensors.temperature, names);
+    let temperature = temperature(root, &sensors.temperature, names);
     let (accelerometer, of_accelerometer) = accelerometer?;
     let gyroscope = gyroscope.map_or(Some(None), |axes| axes.map(Some))?;
     let of_gyroscope = gyroscope.as_ref().map_or(of_accelerometer, |(_, resolution)| *resolution);
     let resolution = Resolution { accelerometer: of_accelerometer, gyroscope: of_gyroscope };
     let gyroscope = gyroscope.map(|(axes, _)| axes);
-    let telemetry = telemetry?;
+    let temperature = temperature?;
     let places = |axes: Option<&Axes>| axes.map_or([None; AXES], |axes| axes.columns.map(Some));
     let [[a1, a2, a3], [g1, g2, g3]] = [Some(&accelerometer), gyroscope.as_ref()].map(places);
     let is_known = !names.are_unknown();
     let status = status.filter(|_| is_known).map(|status| complete(root, status, [a1, a2, a3, g1, g2, g3]));
-    Some(Columns { accelerometer, gyroscope, telemetry, status, resolution, interval_ns, device })
+    Some(Columns { accelerometer, gyroscope, temperature, status, resolution, interval_ns, device })
 }
 
 /// The columns of a triad, and one pulse in their unit.
@@ -275,7 +275,7 @@ fn axes(root: &Section<'_, '_>, key: &'static str, of: &Sensors, names: &mut Nam
     Some((Axes { columns, offset: of.offset, sign: of.sign, is_reading }, resolution))
 }
 
-fn telemetry(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<TemperatureColumns> {
+fn temperature(root: &Section<'_, '_>, of: &Temperature, names: &mut Names) -> Option<TemperatureColumns> {
     let section = root.optional_section("temperature")?;
     match of {
         Temperature::Constant(constant) => Some(TemperatureColumns::Constant(*constant)),

@@ -86,7 +86,7 @@ fn scans(member: &DeviceBuffer<'_>) -> String {
 
 /// Where the temperature of this name is: a scan element if there is one, else an attribute. Two devices of one chip
 /// both have its temperature: the first's is taken.
-pub(super) fn telemetry<'a>(
+pub(super) fn temperature<'a>(
     all: &'a [Device],
     members: &[DeviceBuffer<'a>],
     name: &str,

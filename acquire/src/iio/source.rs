@@ -10,7 +10,7 @@ use super::element::TIMESTAMP;
 use super::error::{IioError, IioFault};
 use super::join::{Ring, join};
 use super::output::{IioCounters, Output, Scan};
-use super::resolve::{Channel, DeviceBuffer, TemperatureSource, column, members, telemetry};
+use super::resolve::{Channel, DeviceBuffer, TemperatureSource, column, members, temperature};
 use super::scale::{IioScale, scale};
 use super::settings::IioSettings;
 use super::setup::{DeviceSetup, claim, enable, prepare};
@@ -55,9 +55,9 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
     let all = devices(tree);
     let members = members(&all, settings)?;
     let columns = settings.columns.iter().map(|name| column(&all, &members, name)).collect::<Result<Vec<_>, _>>()?;
-    let telemetry =
-        settings.temperature.iter().map(|name| telemetry(&all, &members, name)).collect::<Result<Vec<_>, _>>()?;
-    let scanned = telemetry.iter().filter_map(|place| match place {
+    let temperature =
+        settings.temperature.iter().map(|name| temperature(&all, &members, name)).collect::<Result<Vec<_>, _>>()?;
+    let scanned = temperature.iter().filter_map(|place| match place {
         TemperatureSource::Scanned(channel) => Some(channel.clone()),
         TemperatureSource::Polled(..) => None,
     });
@@ -81,7 +81,7 @@ pub(super) fn open_tree(tree: &Tree, settings: &IioSettings) -> Result<IioSource
         .iter()
         .filter_map(|channel| Some(scale(&members.get(channel.member)?.device.folder, &channel.name)))
         .collect::<Result<Vec<_>, _>>()?;
-    let temperatures = temperatures(&members, telemetry, columns.len())?;
+    let temperatures = temperatures(&members, temperature, columns.len())?;
     let rows = prepared.iter().map(|prepared| waiting(prepared.length)).max().unwrap_or_default();
     let streams = start(tree, &members, nodes, prepared, &numbers)?;
     let rings = match &streams[..] {
@@ -113,12 +113,12 @@ fn common_clock(members: &[DeviceBuffer<'_>], prepared: &[DeviceSetup]) -> Resul
 
 fn temperatures(
     members: &[DeviceBuffer<'_>],
-    telemetry: Vec<TemperatureSource<'_>>,
+    temperature: Vec<TemperatureSource<'_>>,
     columns: usize,
 ) -> Result<Vec<Temperature>, IioError> {
     let mut slot = columns;
     let mut temperatures = Vec::new();
-    for place in telemetry {
+    for place in temperature {
         match place {
             TemperatureSource::Scanned(channel) => {
                 if let Some(member) = members.get(channel.member) {

@@ -86,7 +86,7 @@ fn cases() -> BenchResult<[Case; 3]> {
     ])
 }
 
-/// A sample within all ranges; each has other counts and other telemetry.
+/// A sample within all ranges; each has other counts and other temperature.
 fn varied(number: usize) -> RawSample {
     let step = number as f64 / SAMPLES as f64;
     let triad = |triad: Triad| Triad {

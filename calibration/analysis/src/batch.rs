@@ -1,14 +1,14 @@
-//! A batch of IMUs of one kind: how their curves spread, which unit stands out, and whether one curve fits all.
+//! A batch of IMUs of one kind: how their curves spread, which device stands out, and whether one curve fits all.
 //!
-//! Everything is computed from the tables and their provenance. Curves are evaluated at three telemetries of the range
-//! that all units have, never compared by coefficients: units may have other orders. All values are in the first
+//! Everything is computed from the tables and their provenance. Curves are evaluated at three temperatures of the range
+//! that all devices have, never compared by coefficients: devices may have other orders. All values are in the first
 //! table's 1 g0.
 
 mod family;
 mod outliers;
 
 pub use family::Family;
-pub(crate) use outliers::FEWEST_UNITS;
+pub(crate) use outliers::FEWEST_DEVICES;
 pub use outliers::{StandOut, least_found, leave_one_out, limit, stand_outs};
 
 use crate::compare::{Convention, Form, FormCurve, common_range, points};
@@ -30,7 +30,7 @@ impl From<BatchError> for Failure {
     }
 }
 
-/// One quantity of all units.
+/// One quantity of all devices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quantity {
     /// For example `A1 bias at 1.1`.
@@ -39,9 +39,9 @@ pub struct Quantity {
     pub unit: String,
     /// Decimals that are shown.
     pub places: usize,
-    /// Value of each unit.
+    /// Value of each device.
     pub values: Vec<f64>,
-    /// How far each unit is from the others, see [`leave_one_out`].
+    /// How far each device is from the others, see [`leave_one_out`].
     pub t: Vec<Option<f64>>,
 }
 
@@ -50,13 +50,13 @@ impl Quantity {
         Self { t: leave_one_out(&values), name, unit, places, values }
     }
 
-    /// The median of the units.
+    /// The median of the devices.
     #[must_use]
     pub fn median(&self) -> f64 {
         median(self.values.iter().copied())
     }
 
-    /// Standard deviation of the units.
+    /// Standard deviation of the devices.
     #[must_use]
     pub fn sd(&self) -> f64 {
         let count = self.values.len() as f64;
@@ -64,7 +64,7 @@ impl Quantity {
         (self.values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
     }
 
-    /// Whether it is not the same in all units, which no unit could stand out in.
+    /// Whether it is not the same in all devices, which no unit could stand out in.
     fn differs(&self) -> bool {
         let [low, high] = self.range();
         high - low > 1e-12 * low.abs().max(high.abs())
@@ -78,18 +78,18 @@ impl Quantity {
     }
 }
 
-/// One curve of all units.
+/// One curve of all devices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BatchCurve {
     /// For example `A1 bias`.
     pub name: String,
     /// Unit of the curves less their mid values: of a bias its own, of a scale factor ppm.
     pub unit: &'static str,
-    /// Points of the range that all units have.
-    pub telemetry: Vec<f64>,
-    /// For each unit, its curve at the points less its mid value.
+    /// Points of the range that all devices have.
+    pub temperature: Vec<f64>,
+    /// For each device, its curve at the points less its mid value.
     pub curves: Vec<Vec<f64>>,
-    /// Whether the mean of the others says how a unit's curve runs; `None` under three units, and where no curve
+    /// Whether the mean of the others says how a device's curve runs; `None` under three devices, and where no curve
     /// changes.
     pub family: Option<Family>,
 }
@@ -97,17 +97,17 @@ pub struct BatchCurve {
 /// The statistics of a batch.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// Names of the units: their IMUs.
-    pub units: Vec<String>,
+    /// Names of the devices: their IMUs.
+    pub devices: Vec<String>,
     /// The value of 1 g0 \[m/s2\] that all values are in.
     pub gravity: f64,
-    /// Unit of the telemetry.
+    /// Unit of the temperature.
     pub temperature_unit: String,
     /// All quantities.
     pub quantities: Vec<Quantity>,
     /// All curves.
     pub curves: Vec<BatchCurve>,
-    /// The values that stand out; `None` under five units. The indices are those of `units` and `quantities`.
+    /// The values that stand out; `None` under five devices. The indices are those of `devices` and `quantities`.
     pub stand_outs: Option<Vec<StandOut>>,
     /// What a reader must know about the statistics.
     pub notes: Vec<String>,
@@ -115,7 +115,7 @@ pub struct Batch {
     pub findings: Vec<Finding>,
 }
 
-/// A fault for each two tables that were made from the same rows: one of them is of another unit than it says.
+/// A fault for each two tables that were made from the same rows: one of them is of another device than it says.
 #[must_use]
 pub fn same_rows(tables: &[TableFile]) -> Vec<Finding> {
     let pairs =
@@ -123,13 +123,13 @@ pub fn same_rows(tables: &[TableFile]) -> Vec<Finding> {
     let same = pairs.filter(|(one, other)| one.origin.shares_rows_with(&other.origin));
     let fault = |(one, other): (&TableFile, &TableFile)| {
         let [one, other] = [one, other].map(|table| &table.table.content().imu);
-        let message = format!("{one} and {other} have the same recording; give each unit its own");
+        let message = format!("{one} and {other} have the same recording; give each device its own");
         Finding::fault(name::SAME_RECORDING, message)
     };
     same.map(fault).collect()
 }
 
-/// The statistics of tables of different units of one kind.
+/// The statistics of tables of different devices of one kind.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -139,22 +139,22 @@ pub fn same_rows(tables: &[TableFile]) -> Vec<Finding> {
 /// let text = include_str!("../../../tests/data/imu-a.toml");
 /// let table = |unit| TableFile::from_toml(unit, &text.replace("imu-a", unit));
 /// let batch = batch(&[table("imu-a")?, table("imu-b")?, table("imu-c")?]).map_err(|error| error.0)?;
-/// assert_eq!(batch.units, ["imu-a", "imu-b", "imu-c"]);
-/// assert_eq!(batch.quantities[0].sd(), 0.0); // these units are all the same
+/// assert_eq!(batch.devices, ["imu-a", "imu-b", "imu-c"]);
+/// assert_eq!(batch.quantities[0].sd(), 0.0); // these devices are all the same
 /// # Ok(())
 /// # }
 /// ```
 ///
 /// # Errors
-/// If there are fewer than two, if two are of one IMU or from one recording, or if their telemetry is in different
-/// units.
+/// If there are fewer than two, if two are of one IMU or from one recording, or if their temperature is in different
+/// devices.
 pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
-    let units: Vec<_> = tables.iter().map(|table| table.table.content().imu.to_string()).collect();
+    let devices: Vec<_> = tables.iter().map(|table| table.table.content().imu.to_string()).collect();
     let Some(first) = tables.first().filter(|_| tables.len() > 1) else {
-        return Err(BatchError("there are fewer than two tables; give one of each unit".to_owned()));
+        return Err(BatchError("there are fewer than two tables; give one of each device".to_owned()));
     };
-    if let Some(twice) = units.iter().enumerate().find(|(index, unit)| units[..*index].contains(unit)) {
-        return Err(BatchError(format!("two tables are of {}; give one of each unit", twice.1)));
+    if let Some(twice) = devices.iter().enumerate().find(|(index, unit)| devices[..*index].contains(unit)) {
+        return Err(BatchError(format!("two tables are of {}; give one of each device", twice.1)));
     }
     if let Some(refused) = same_rows(tables).into_iter().next() {
         return Err(BatchError(refused.message));
@@ -163,10 +163,10 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
     let unit = &content.temperature_unit;
     if let Some(other) = tables.iter().map(|table| &table.table.content().temperature_unit).find(|other| *other != unit)
     {
-        return Err(BatchError(format!("telemetry in {unit} and {other}; give tables with one telemetry")));
+        return Err(BatchError(format!("temperature in {unit} and {other}; give tables with one temperature")));
     }
     let mut found = Batch {
-        units,
+        devices,
         gravity: content.gravity,
         temperature_unit: unit.clone(),
         quantities: Vec::new(),
@@ -191,7 +191,7 @@ pub fn batch(tables: &[TableFile]) -> Result<Batch, BatchError> {
         found.add_misalignments(kind, &forms);
     }
     found.add_residuals(tables);
-    // What is the same in all units is no quantity that a unit can stand out in.
+    // What is the same in all devices is no quantity that a device can stand out in.
     let judged: Vec<_> = (0..found.quantities.len()).filter(|q| found.quantities[*q].differs()).collect();
     let values: Vec<_> = judged.iter().map(|q| found.quantities[*q].values.clone()).collect();
     found.stand_outs = stand_outs(&values).map(|all| {
@@ -215,13 +215,13 @@ impl Batch {
         };
         let (all, name) = (of(quantity), format!("{} {}", kind.names()[axis], QUANTITIES[quantity]));
         let Some(range) = common_range(all.iter().copied()) else {
-            self.skip(format!("{name}: the units have no common range of the telemetry, so it is not looked at."));
+            self.skip(format!("{name}: the devices have no common range of the temperature, so it is not looked at."));
             return;
         };
-        let telemetry = points(range);
+        let temperature = points(range);
         // A scale factor that was fitted as one, with K- = -K+, is one quantity.
         let opposite = |(plus, minus): (&FormCurve, &FormCurve)| {
-            telemetry.iter().all(|u| (plus.at(*u) + minus.at(*u)).abs() <= 1e-12 * plus.at(*u).abs())
+            temperature.iter().all(|u| (plus.at(*u) + minus.at(*u)).abs() <= 1e-12 * plus.at(*u).abs())
         };
         if quantity == 2 && of(1).into_iter().zip(all.iter().copied()).all(opposite) {
             return;
@@ -233,11 +233,11 @@ impl Batch {
             (SensorKind::Gyroscope, _) => ("pulse/arcsec", 1.0, 7),
         };
         let values: Vec<Vec<f64>> =
-            all.iter().map(|curve| telemetry.iter().map(|u| curve.at(*u) * factor).collect()).collect();
-        let last = telemetry.len() - 1;
+            all.iter().map(|curve| temperature.iter().map(|u| curve.at(*u) * factor).collect()).collect();
+        let last = temperature.len() - 1;
         let constant = all.iter().all(|curve| curve.coefficients() == 1);
         for point in [0, last / 2, last].into_iter().filter(|point| !constant || *point == last / 2) {
-            let name = format!("{name} at {:.4}", telemetry[point]);
+            let name = format!("{name} at {:.4}", temperature[point]);
             let values = values.iter().map(|curve| curve[point]).collect();
             self.quantities.push(Quantity::new(name, unit.to_owned(), places, values));
         }
@@ -254,7 +254,7 @@ impl Batch {
         };
         let curves: Vec<_> = values.iter().map(relative).collect();
         let unit = if quantity == 0 { unit } else { "ppm" };
-        self.curves.push(BatchCurve { name, unit, telemetry, family: Family::of(&curves), curves });
+        self.curves.push(BatchCurve { name, unit, temperature, family: Family::of(&curves), curves });
     }
 
     /// Adds the misalignments of a triad: those of the provenance, or of the alignment matrix.
@@ -295,28 +295,30 @@ impl Batch {
         }
     }
 
-    /// Quantities that a unit can stand out in.
+    /// Quantities that a device can stand out in.
     #[must_use]
     pub fn judged(&self) -> usize {
         self.quantities.iter().filter(|quantity| quantity.differs()).count()
     }
 
-    /// The size of t that a value must exceed to stand out; `None` under five units.
+    /// The size of t that a value must exceed to stand out; `None` under five devices.
     #[must_use]
     pub fn limit(&self) -> Option<f64> {
-        limit(self.units.len(), self.judged())
+        limit(self.devices.len(), self.judged())
     }
 
-    /// Which units stand out, a line each.
+    /// Which devices stand out, a line each.
     #[must_use]
     pub fn verdict(&self) -> Vec<String> {
-        let count = self.units.len();
+        let count = self.devices.len();
         let (Some(found), Some(limit)) = (&self.stand_outs, self.limit()) else {
-            return vec![format!("{count} units are too few to say whether one stands out; it takes {FEWEST_UNITS}.")];
+            return vec![format!(
+                "{count} devices are too few to say whether one stands out; it takes {FEWEST_DEVICES}."
+            )];
         };
         if found.is_empty() {
             return vec![format!(
-                "No unit stands out: no |t| is over {limit:.1}, the limit for {count} units and {} quantities.",
+                "No device stands out: no |t| is over {limit:.1}, the limit for {count} devices and {} quantities.",
                 self.judged()
             )];
         }
@@ -325,7 +327,7 @@ impl Batch {
             let (value, places) = (quantity.values[it.unit], quantity.places);
             format!(
                 "{} stands out: {} {value:.places$} {}, median {:.places$}, t = {:.1}, limit {:.1}",
-                self.units[it.unit],
+                self.devices[it.unit],
                 quantity.name,
                 quantity.unit,
                 quantity.median(),
@@ -336,31 +338,31 @@ impl Batch {
         found.iter().map(line).collect()
     }
 
-    /// How far off a unit must be to be found, here and among more units.
+    /// How far off a device must be to be found, here and among more devices.
     #[must_use]
     pub fn power(&self) -> String {
         let quantities = self.judged();
-        let of = |units: usize| least_found(units, quantities).map(|size| format!("{size:.0} among {units}"));
+        let of = |devices: usize| least_found(devices, quantities).map(|size| format!("{size:.0} among {devices}"));
         let sizes: Vec<_> = [5, 8, 16, 32].into_iter().filter_map(of).collect();
-        let here = of(self.units.len()).map_or_else(String::new, |here| format!("Here: {here} units. "));
+        let here = of(self.devices.len()).map_or_else(String::new, |here| format!("Here: {here} devices. "));
         format!(
-            "{here}With {quantities} quantities a unit is found in 9 of 10 cases if in one of them it is off by this many standard deviations of the \
-             units: {}.",
+            "{here}With {quantities} quantities a device is found in 9 of 10 cases if in one of them it is off by this many standard deviations of the \
+             devices: {}.",
             sizes.join(", ")
         )
     }
 
-    /// Whether one curve fits all units, a line each.
+    /// Whether one curve fits all devices, a line each.
     #[must_use]
     pub fn families(&self) -> Vec<String> {
         let line = |curve: &BatchCurve| {
             let family = curve.family.as_ref()?;
             Some(format!(
-                "{}: the mean of the other units leaves {:.2} of the rms, {} of {} units gain: a family curve is {}",
+                "{}: the mean of the other devices leaves {:.2} of the rms, {} of {} devices gain: a family curve is {}",
                 curve.name,
                 family.ratio(),
                 family.gains(),
-                self.units.len(),
+                self.devices.len(),
                 if family.is_useful() { "useful" } else { "not useful" }
             ))
         };

@@ -81,7 +81,7 @@ pub struct Comparison {
 }
 
 /// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates
-/// first; then the oldest and the newest are compared, and each quantity gets a line over the dates. With `other_unit`
+/// first; then the oldest and the newest are compared, and each quantity gets a line over the dates. With `other_device`
 /// they may be of different IMUs.
 ///
 /// ```
@@ -100,10 +100,10 @@ pub struct Comparison {
 /// ```
 ///
 /// # Errors
-/// If there are fewer than two, if they are of different IMUs or have telemetry in different units, if a curve has no
+/// If there are fewer than two, if they are of different IMUs or have temperature in different units, if a curve has no
 /// common range, or if three or more have no dates.
-pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Comparison, ComparisonError> {
-    let mut faults = faults(&tables, other_unit);
+pub fn compare(mut tables: Vec<TableFile>, other_device: bool) -> Result<Comparison, ComparisonError> {
+    let mut faults = faults(&tables, other_device);
     if tables.len() > 2 {
         faults.extend(dates(&tables));
     }
@@ -151,19 +151,19 @@ pub fn compare(mut tables: Vec<TableFile>, other_unit: bool) -> Result<Compariso
 }
 
 /// Why the tables cannot be compared, whatever their curves are.
-fn faults(tables: &[TableFile], other_unit: bool) -> Vec<String> {
+fn faults(tables: &[TableFile], other_device: bool) -> Vec<String> {
     let different = |of: fn(&TableFile) -> &str| Some(unique(tables.iter().map(of))).filter(|names| names.len() > 1);
     let few = (tables.len() < 2).then(|| "there are fewer than two; give an old one and a new one".to_owned());
-    let imus = different(|table| table.table.content().imu.as_str()).filter(|_| !other_unit);
+    let imus = different(|table| table.table.content().imu.as_str()).filter(|_| !other_device);
     let imus = imus.map(|imus| {
         let count = if imus.len() == 2 { "two".to_owned() } else { imus.len().to_string() };
         format!(
-            "tables of {count} IMUs: {}; give those of one, or --other-unit to compare different ones",
+            "tables of {count} IMUs: {}; give those of one, or --other-device to compare different ones",
             imus.join(", ")
         )
     });
     let units = different(|table| &table.table.content().temperature_unit);
-    let units = units.map(|units| format!("telemetry in {}; give tables with one telemetry", units.join(" and ")));
+    let units = units.map(|units| format!("temperature in {}; give tables with one temperature", units.join(" and ")));
     few.into_iter().chain(imus).chain(units).chain(other_interval(tables)).collect()
 }
 

@@ -1,5 +1,5 @@
 //! What is seen in a recording or between tables: the Allan deviation of an IMU at rest, the comparison of two tables,
-//! and the statistics of a batch of units.
+//! and the statistics of a batch of devices.
 //!
 //! This crate opens no file: a caller gives rows and tables.
 //!

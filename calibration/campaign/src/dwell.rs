@@ -1,6 +1,6 @@
 //! A **dwell**: an unbroken run of rows with one set point and one position.
 //!
-//! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, telemetry is averaged
+//! Rows may be raw samples of any rate or sums over seconds: pulses and intervals are added up, temperature is averaged
 //! over time. Only sums are kept, so that memory does not grow with the sampling rate.
 
 use isotherm_recording::{CampaignRow, Continuity, Losses, TimeFault};
@@ -18,7 +18,7 @@ pub struct DwellSums {
     pub negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
-    /// Sum of the telemetry's age at the middle of each row \[s\], if known, times the seconds of the row.
+    /// Sum of the temperature's age at the middle of each row \[s\], if known, times the seconds of the row.
     age: f64,
 }
 
@@ -48,13 +48,13 @@ impl DwellSums {
         }
     }
 
-    /// Mean telemetry of the sensor head.
+    /// Mean temperature of the sensor head.
     #[must_use]
     pub fn head(&self, axis: usize) -> f64 {
         self.head[axis] / self.seconds
     }
 
-    /// Mean telemetry of the converter board.
+    /// Mean temperature of the converter board.
     #[must_use]
     pub fn board(&self, axis: usize) -> f64 {
         self.board[axis] / self.seconds
@@ -98,9 +98,9 @@ pub struct Block {
     pub line: u64,
     /// Sums over its rows.
     pub sums: DwellSums,
-    /// Lowest and highest telemetry of each head.
+    /// Lowest and highest temperature of each head.
     pub head: [[f64; 2]; AXES],
-    /// Lowest and highest telemetry of each board.
+    /// Lowest and highest temperature of each board.
     pub board: [[f64; 2]; AXES],
     /// Largest rate of a single row, both channels together \[pulse/s\].
     pub rate: [f64; AXES],
@@ -157,7 +157,7 @@ impl Dwell {
         }
     }
 
-    /// A dwell of which only means are known: the rates of both channels \[pulse/s\], and the telemetry of head and
+    /// A dwell of which only means are known: the rates of both channels \[pulse/s\], and the temperature of head and
     /// board. It counts as one second without a time.
     #[must_use]
     pub fn of_means(
@@ -302,50 +302,50 @@ impl Dwell {
         [1, 2].map(|k| median(self.blocks.iter().map(|block| block.steps.all[0] / block.steps.all[k])))
     }
 
-    /// Mean telemetry of the sensor head. If its age is known, it is extrapolated to the middle of the counted time.
+    /// Mean temperature of the sensor head. If its age is known, it is extrapolated to the middle of the counted time.
     #[must_use]
     pub fn head(&self, axis: usize) -> f64 {
         self.sums.head(axis) + self.head_per_s(axis) * self.age_s()
     }
 
-    /// Mean telemetry of the converter board. If its age is known, it is extrapolated to the middle of the counted
+    /// Mean temperature of the converter board. If its age is known, it is extrapolated to the middle of the counted
     /// time.
     #[must_use]
     pub fn board(&self, axis: usize) -> f64 {
         self.sums.board(axis) + self.drift_per_s(|sums| sums.board(axis)) * self.age_s()
     }
 
-    /// Drift of the head's telemetry, in its unit per second; 0 for a dwell of a single block.
+    /// Drift of the head's temperature, in its unit per second; 0 for a dwell of a single block.
     #[must_use]
     pub fn head_per_s(&self, axis: usize) -> f64 {
         self.drift_per_s(|sums| sums.head(axis))
     }
 
     /// Mean of the second half of the blocks minus mean of the first half, over half the counted time.
-    fn drift_per_s(&self, telemetry: impl Fn(&DwellSums) -> f64) -> f64 {
+    fn drift_per_s(&self, temperature: impl Fn(&DwellSums) -> f64) -> f64 {
         let (first, second) = self.blocks.split_at(self.blocks.len() / 2);
         if first.is_empty() {
             return 0.0;
         }
         let mean =
-            |blocks: &[Block]| blocks.iter().map(|block| telemetry(&block.sums)).sum::<f64>() / blocks.len() as f64;
+            |blocks: &[Block]| blocks.iter().map(|block| temperature(&block.sums)).sum::<f64>() / blocks.len() as f64;
         (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
     }
 
-    /// Mean time from the reading of the telemetry to the middle of the counted time. 0 if it is longer than the dwell:
+    /// Mean time from the reading of the temperature to the middle of the counted time. 0 if it is longer than the dwell:
     /// the drift within the dwell cannot be extrapolated so far.
     fn age_s(&self) -> f64 {
         let age_s = self.sums.age / self.sums.seconds;
         if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }
     }
 
-    /// Lowest and highest telemetry of the head.
+    /// Lowest and highest temperature of the head.
     #[must_use]
     pub fn head_range(&self, axis: usize) -> [f64; 2] {
         joint_range(self.blocks.iter().map(|block| block.head[axis]))
     }
 
-    /// Lowest and highest telemetry of the board.
+    /// Lowest and highest temperature of the board.
     #[must_use]
     pub fn board_range(&self, axis: usize) -> [f64; 2] {
         joint_range(self.blocks.iter().map(|block| block.board[axis]))

@@ -116,7 +116,7 @@ fn campaign(root: &Section<'_, '_>, imu: Option<ImuId>, serial: Option<String>) 
     let [latitude_deg, height_m] = place(root);
     let place = latitude_deg.zip(height_m).and_then(|(latitude, height)| Place::new(latitude, height).ok());
     let (gravity_local, gravity_source) = gravity_local(root, place.filter(|_| gravity_only), place);
-    let unit = root.string("temperature_unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
+    let unit = root.string("temperature_unit", "the unit of the temperature, for example \"V\"").map(str::to_owned);
     let is_open = root.is_open("temperature_unit");
     root.fault_if(is_open, "temperature_unit", "is \"?\", which is to be filled in; give the unit");
     let out_of_range = root.optional_choice("out_of_range", &OutOfRange::NAMES);
@@ -250,7 +250,7 @@ fn temperature_range(root: &Section<'_, '_>, gravity_only: bool) -> Option<Optio
     if !root.has(KEY) {
         return Some(None);
     }
-    let range = root.numbers(KEY, "the lowest and the highest telemetry, for example [15, 35]")?;
+    let range = root.numbers(KEY, "the lowest and the highest temperature, for example [15, 35]")?;
     match range.as_slice() {
         _ if !gravity_only => {
             root.fault(

@@ -1,5 +1,5 @@
 //! Campaigns: what a campaign file says, where positions and turns point the IMU in its laboratory, rows summed to
-//! dwells, static poses of an IMU that is put down by hand, gravity and Earth's rate.
+//! dwells, static poses of a tumble, gravity and Earth's rate.
 //!
 //! This crate opens no file: a caller gives texts and rows.
 //!

@@ -31,12 +31,12 @@ pub struct Campaign {
     pub gravity_local: f64,
     /// Where it comes from; normal gravity only with `is_tumble`.
     pub gravity_source: GravitySource,
-    /// Unit of the telemetry; only a label.
+    /// Unit of the temperature; only a label.
     pub temperature_unit: String,
-    /// The table's policy for telemetry out of range, if stated; else a fitted table clamps, and one of ramps alone
+    /// The table's policy for temperature out of range, if stated; else a fitted table clamps, and one of ramps alone
     /// keeps the policy of its predecessor `curves`.
     pub out_of_range: Option<OutOfRange>,
-    /// Telemetry older than this is flagged \[s\]; it is written into the table.
+    /// Temperature older than this is flagged \[s\]; it is written into the table.
     pub max_age_s: Option<f64>,
     /// Largest plausible rate of both channels together \[pulse/s\]; a higher rate means saturation. It is written into
     /// the table.
@@ -62,13 +62,13 @@ pub struct Campaign {
     /// Whether the samples are recordings of a tumble: static poses, with the magnitude of gravity alone as the
     /// reference. Then there are no positions, turns or ramps.
     pub is_tumble: bool,
-    /// Where a table of order 0 is valid, in the telemetry's unit; only with `is_tumble`.
+    /// Where a table of order 0 is valid, in the temperature's unit; only with `is_tumble`.
     pub temperature_range: Option<[f64; 2]>,
 }
 
 impl Campaign {
-    /// The campaign of an IMU that is put down by hand, with gravity's length as the reference: local gravity and the
-    /// value of 1 g0 \[m/s2\], and the telemetry's unit. It has no files.
+    /// The campaign of a tumble, with gravity's length as the reference: local gravity and the
+    /// value of 1 g0 \[m/s2\], and the temperature's unit. It has no files.
     ///
     /// ```
     /// use isotherm_campaign::Campaign;
@@ -107,7 +107,7 @@ impl Campaign {
     }
 
     /// The campaign of recordings at one attitude while the temperature changes: the value of 1 g0 \[m/s2\], the
-    /// telemetry's unit, and what the recordings are called.
+    /// temperature's unit, and what the recordings are called.
     #[must_use]
     pub fn warm_up(imu: ImuId, gravity: f64, temperature_unit: &str, recordings: &[String]) -> Self {
         let ramp = |samples: &String| Ramp { samples: samples.clone(), specific_force: None };

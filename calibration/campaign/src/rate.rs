@@ -7,7 +7,7 @@ use isotherm_support::finding::{Finding, name};
 /// No gyroscope has as much bias \[deg/h\]: 10 deg/s.
 const MOST: f64 = 36_000.0;
 
-/// That a gyroscope indicates over 10 deg/s on average at rest: the readings are of another unit, or the IMU turned.
+/// That a gyroscope indicates over 10 deg/s on average at rest: the readings are in another unit, or the IMU turned.
 /// `rates` are the means of G1 to G3 \[deg/h\]; the first that is too large is named.
 ///
 /// ```

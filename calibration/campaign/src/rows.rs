@@ -25,7 +25,7 @@ use isotherm_shared::wire::{MAX_INTERVAL_NS, RawSample};
 ///
 /// # Errors
 /// At the first row that cannot be read or used, with its line: an unknown position, a timestamp that does not
-/// increase, an interval out of range, telemetry that is not finite, a full counter. At the row where
+/// increase, an interval out of range, temperature that is not finite, a full counter. At the row where
 /// [`Overlap`](isotherm_recording::Overlap) shows.
 pub fn read_dwells(
     campaign: &Campaign,
@@ -103,15 +103,15 @@ fn implausible_step(sample: &RawSample, previous_ns: u64) -> Option<String> {
     (timestamp_ns <= previous_ns).then(message)
 }
 
-/// The same, by telemetry and counters.
+/// The same, by temperature and counters.
 fn implausible_values(sample: &RawSample) -> Option<String> {
     for (axis, accelerometer) in AXIS_NAMES.iter().enumerate() {
-        for (telemetry, name) in [
+        for (temperature, name) in [
             (sample.accelerometers.head_temperature[axis], "head"),
             (sample.accelerometers.board_temperature[axis], "board"),
         ] {
-            if !telemetry.is_finite() {
-                return Some(format!("a{}_{name} is {telemetry}, which is no temperature", axis + 1));
+            if !temperature.is_finite() {
+                return Some(format!("a{}_{name} is {temperature}, which is no temperature", axis + 1));
             }
         }
         if sample.accelerometers.positive_pulses[axis] == u32::MAX

@@ -88,7 +88,7 @@ pub enum StaticPoseError {
     Empty,
     /// No two windows follow each other without a pause.
     #[error(
-        "{cause}no standstill is found: two windows of {window_rows} rows never follow each other without a pause; record longer, or give a \
+        "{cause}no static pose is found: two windows of {window_rows} rows never follow each other without a pause; record longer, or give a \
          shorter --window"
     )]
     TooFewRows {
@@ -99,7 +99,7 @@ pub enum StaticPoseError {
     },
     /// At no level does averaging help.
     #[error(
-        "{cause}no standstill is found: over {window_rows} rows, the means wander by {wander:.2} of the rows' variance where they are \
+        "{cause}no static pose is found: over {window_rows} rows, the means wander by {wander:.2} of the rows' variance where they are \
          quietest, at rest by under {most}, and scatter by {:.1} mrad{}", scatter_rad * 1e3, averaged(*longer)
     )]
     NeverAtRest {
@@ -118,7 +118,7 @@ pub enum StaticPoseError {
     },
     /// The quietest level moves as a whole.
     #[error(
-        "{cause}no standstill is found: over {window_rows} rows, the quietest means scatter by {:.1} mrad, at rest by under {:.0} mrad",
+        "{cause}no static pose is found: over {window_rows} rows, the quietest means scatter by {:.1} mrad, at rest by under {:.0} mrad",
         scatter_rad * 1e3, HAND.1 * 1e3
     )]
     Moving {
@@ -130,7 +130,7 @@ pub enum StaticPoseError {
         cause: String,
     },
     /// All static poses turn.
-    #[error("{poses} standstills are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
+    #[error("{poses} static poses are found, but the IMU turns in them, usually by {:.1} mrad, at rest by under {:.0} mrad",
         turn_rad * 1e3, USUAL_TURN_RAD * 1e3)]
     Turning {
         /// Static poses.
@@ -139,7 +139,7 @@ pub enum StaticPoseError {
         turn_rad: f64,
     },
     /// There is none of the length that is needed.
-    #[error("none of the {} standstills can be used: {too_short} are under {least_s:.1} s long without their ends, in {turned} the IMU turned", too_short + turned)]
+    #[error("none of the {} static poses can be used: {too_short} are under {least_s:.1} s long without their ends, in {turned} the IMU turned", too_short + turned)]
     TooShort {
         /// Static poses that are too short.
         too_short: usize,
@@ -299,7 +299,7 @@ fn averaged(poses: usize) -> String {
         return String::new();
     }
     format!(
-        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {poses} standstills"
+        "; neighbouring rows are alike, as averaged or filtered ones are: --window {AVERAGED_WINDOW_S} finds {poses} static poses"
     )
 }
 

@@ -1,6 +1,6 @@
 //! From the dwells of a campaign to a coefficient table: checks, set points, orders, fit, outliers.
 
-use crate::checks::telemetry::last_digits;
+use crate::checks::temperature::last_digits;
 use crate::checks::{SetPoint, check, set_points};
 use crate::diagnosis::{Diagnosis, diagnose, positions_off};
 use crate::error::CalibrationError;
@@ -256,7 +256,7 @@ fn reduced(
 }
 
 fn values(reduced: &[SensorReduction; AXES]) -> SetPointValues {
-    let of = |axis: usize, q: usize| (reduced[axis].telemetry[q], reduced[axis].values[q]);
+    let of = |axis: usize, q: usize| (reduced[axis].temperature[q], reduced[axis].values[q]);
     [0, 1, 2].map(|axis| [of(axis, 0), of(axis, 1), of(axis, 2)])
 }
 
@@ -275,7 +275,7 @@ fn own_error(
     (!known.is_empty()).then_some(PureError { variance, freedom })
 }
 
-/// Lowest and highest telemetry of all samples: head and board, by axis.
+/// Lowest and highest temperature of all samples: head and board, by axis.
 fn ranges(dwells: &[Dwell]) -> [[[f64; 2]; 2]; AXES] {
     [0, 1, 2].map(|axis| {
         [

@@ -1,8 +1,8 @@
 //! How accurate the curves of a calibration are: one figure for the bias and one for the scale factors of a triad; of
 //! gyroscopes also one for the g-sensitivities and one for the misalignments.
 //!
-//! Each curve has a 95 % interval at every telemetry, from the covariance of its coefficients by Student's t with the
-//! curve's degrees of freedom: it holds at a telemetry that was chosen before (pointwise). The band that holds for the
+//! Each curve has a 95 % interval at every temperature, from the covariance of its coefficients by Student's t with the
+//! curve's degrees of freedom: it holds at a temperature that was chosen before (pointwise). The band that holds for the
 //! whole curve at once is wider. The figure in the bottom line is the largest half width of the band over the range of
 //! the data. A constant error that all set points share (a wrong position, a wrong local gravity, an angle that every
 //! turn misses) is not in it; where a warning shows one, the line says that it is left out. Where the positions leave
@@ -26,9 +26,9 @@ const FEW_SET_POINTS: usize = 8;
 /// The largest 95 % half widths over the range of the data. A figure of a curve whose errors are not known is `None`.
 #[derive(Clone, Debug)]
 pub struct Accuracy {
-    /// Bias of each sensor: of accelerometers \[g0\], of gyroscopes \[deg/h\]. At one telemetry (pointwise).
+    /// Bias of each sensor: of accelerometers \[g0\], of gyroscopes \[deg/h\]. At one temperature (pointwise).
     pub bias: [Option<f64>; AXES],
-    /// K+ and K- of each sensor, the larger one, relative. At one telemetry (pointwise).
+    /// K+ and K- of each sensor, the larger one, relative. At one temperature (pointwise).
     pub scale_factor: [Option<f64>; AXES],
     /// As `bias`, of the band that holds for the whole curve.
     pub bias_band: [Option<f64>; AXES],
@@ -36,9 +36,9 @@ pub struct Accuracy {
     pub scale_factor_band: [Option<f64>; AXES],
     /// Of gyroscopes: what does not depend on temperature.
     pub constants: Option<ConstantsAccuracy>,
-    /// Lowest and highest telemetry of the data.
+    /// Lowest and highest temperature of the data.
     pub range: [f64; 2],
-    /// Unit of the telemetry.
+    /// Unit of the temperature.
     pub unit: String,
     /// Number of set points.
     pub set_points: usize,
@@ -153,8 +153,8 @@ impl ConstantsAccuracy {
     }
 }
 
-/// The largest half width of the 95 % interval of a curve over the measured telemetry, in the curve's unit or relative
-/// to its value; it holds at one telemetry. `None` without degrees of freedom.
+/// The largest half width of the 95 % interval of a curve over the measured temperature, in the curve's unit or relative
+/// to its value; it holds at one temperature. `None` without degrees of freedom.
 #[must_use]
 pub fn largest_interval(curve: &Curve, relative: bool) -> Option<f64> {
     largest_half_width(curve, relative, curve.point_quantile(CONFIDENCE)?)

@@ -94,7 +94,7 @@ fn calibrate_static(
     let wrapped = wraps(&measurements);
     let Measurements { dwells, gyroscopes, other_device, findings: of_files, .. } = measurements;
     let devices: Vec<_> = other_device.map(|other| other.finding(campaign)).into_iter().collect();
-    // Before anything is said about samples of another unit.
+    // Before anything is said about samples of another device.
     if !devices.is_empty() && !options.accept.contains(&name::OTHER_DEVICE) {
         return Err(CalibrationError::Faults { diagnosis: None, findings: devices });
     }

@@ -1,4 +1,4 @@
-//! Checks of a campaign: every position at every set point, soak, stillness, saturation, plausible telemetry.
+//! Checks of a campaign: every position at every set point, soak, stillness, saturation, plausible temperature.
 //!
 //! A finding that would spoil the table, or that no true data can show, is a fault. A finding that the user should know
 //! is a warning. Both have a name ([`name`]), and name line, set point and position.
@@ -7,7 +7,7 @@
 
 mod counts;
 pub(crate) mod scale;
-pub(crate) mod telemetry;
+pub(crate) mod temperature;
 pub(crate) mod time;
 pub(crate) mod wraps;
 
@@ -39,18 +39,18 @@ const MANY_VALUES: usize = 8;
 /// Rates of the same pulses in the same time, summed over different numbers of rows, differ by less.
 const ROUNDING: f64 = 1e-9;
 
-/// The telemetry of one sensor.
+/// The temperature of one sensor.
 struct Column {
     /// `a1_head`.
     name: String,
-    /// Set point \[degC\] and mean telemetry of each set point.
+    /// Set point \[degC\] and mean temperature of each set point.
     means: Vec<(f64, f64)>,
     /// Where set points are not further apart than noise and digits: the usual step from set point to set point, the
     /// usual change within a dwell, and the last digit.
     coarse: Option<[f64; 3]>,
 }
 
-/// Each value of the set points \[degC\], rising, with the larger step of the telemetry to its neighbours. A
+/// Each value of the set points \[degC\], rising, with the larger step of the temperature to its neighbours. A
 /// thermistor's steps differ by orders of magnitude from one end to the other.
 struct Steps(Vec<(f64, f64)>);
 
@@ -62,8 +62,8 @@ impl Steps {
         values.dedup();
         let mean =
             |value: &f64| median(means.iter().filter(|(set_point, _)| set_point == value).map(|(_, mean)| *mean));
-        let telemetry: Vec<f64> = values.iter().map(mean).collect();
-        let steps: Vec<f64> = telemetry.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+        let temperature: Vec<f64> = values.iter().map(mean).collect();
+        let steps: Vec<f64> = temperature.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
         let larger = |index: usize| {
             let below = index.checked_sub(1).and_then(|below| steps.get(below));
             below.into_iter().chain(steps.get(index)).copied().fold(0.0, f64::max)
@@ -77,7 +77,7 @@ impl Steps {
     }
 }
 
-/// The step of telemetry: the smallest difference between two different values, or what all are multiples of, in the
+/// The step of temperature: the smallest difference between two different values, or what all are multiples of, in the
 /// last decimal that any of them has.
 fn last_digit(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
@@ -161,7 +161,7 @@ impl Checker<'_> {
             let message = format!("{} set point; a temperature calibration needs at least 2", set_points.len());
             self.findings.push(Finding::whole(Severity::Fault, name::SET_POINTS, message));
         } else {
-            self.telemetry(set_points);
+            self.temperature(set_points);
         }
         self.saturation();
         self.nominal_scale_factor();
@@ -336,7 +336,7 @@ impl Checker<'_> {
             if (indicated - asked).abs() > WRONG_POSITION {
                 let message = format!(
                     "{accelerometer} indicates {indicated:.3} g0 where the position asks for {asked:.3}: another position, or the \
-                     table moved; mend the rows or leave the dwell out with --exclude"
+                     table moved; fix the rows or leave the dwell out with --exclude"
                 );
                 let line = self.dwells[dwell].lines[0];
                 self.report_dwell(Severity::Fault, name::WRONG_POSITION, dwell, line, message);

@@ -57,7 +57,7 @@ fn single_cause(
     if dwells.len() > MAX_DWELLS {
         return None;
     }
-    if let Some(other) = unit::other_unit(campaign, dwells, set_points) {
+    if let Some(other) = unit::other_device(campaign, dwells, set_points) {
         return Some(other);
     }
     let faults = |names: &[&str]| findings.iter().any(|f| f.severity == Severity::Fault && names.contains(&f.name));

@@ -63,7 +63,7 @@ pub enum CalibrationError {
     /// The joint fit failed.
     #[error(transparent)]
     Fit(#[from] OneStageError),
-    /// The static poses of an IMU that was put down by hand do not give a table.
+    /// The static poses of a tumble do not give a table.
     #[error(transparent)]
     Tumble(#[from] TumbleError),
     /// The result is not a valid table.

@@ -189,7 +189,7 @@ fn fit_runs(
     let order_tables = |values: &[SetPointValues]| rules.tables(values, options.order, highest, |_, _| None);
     let curves = |orders: &[[OrderTable; 3]; AXES]| crate::orders::curves(orders, ranges);
     let values = |reduced: &SetPointReduction| {
-        [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.telemetry[axis][q], reduced.values[axis][q])))
+        [0, 1, 2].map(|axis| [0, 1, 2].map(|q| (reduced.temperature[axis][q], reduced.values[axis][q])))
     };
     let two_stage_values: Vec<_> = reduced.iter().map(values).collect();
     let first_orders = order_tables(&two_stage_values)?;

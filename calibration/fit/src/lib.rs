@@ -1,5 +1,5 @@
 //! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
-//! ramps of the temperature, and an IMU that is put down by hand.
+//! ramps of the temperature, and a tumble.
 //!
 //! This crate opens no file, starts no thread and reads no clock: the time of a calibration is told.
 //!
@@ -82,7 +82,7 @@ pub use triad::CalibratedTriad;
 pub use tumble::reading::Reading;
 pub use tumble::{
     Evidence, Groups, ScaleFactorChoice, TumbleCalibration, TumbleError, TumbleOptions, TumbleRecording,
-    calibrate_tumble, error_of_magnitude, errors_of_means, telemetry_steps,
+    calibrate_tumble, error_of_magnitude, errors_of_means, temperature_steps,
 };
 pub use warm_up::{
     BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OrderChoice, Spread, SweepPoint, SweepSpan, TriedOrder,

@@ -1,4 +1,4 @@
-//! The joint fit: all dwells of a campaign at once, each with its own telemetry.
+//! The joint fit: all dwells of a campaign at once, each with its own temperature.
 //!
 //! Reducing each set point first and fitting polynomials afterwards mixes the temperature's drift between positions
 //! into the scale factors. Here every dwell d gives one equation for each accelerometer a, and all coefficients are
@@ -44,7 +44,7 @@ const QUANTITIES: usize = 3;
 /// The estimate for one accelerometer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSolution {
-    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
+    /// A \[g0\] against head temperature, K+ and K- \[pulse/(s*g0)\] against board temperature.
     pub curves: [Curve; QUANTITIES],
     /// Misalignment onto the next axis and onto the one after it \[rad\].
     pub misalignment: [f64; 2],
@@ -62,7 +62,7 @@ impl AxisSolution {
     }
 }
 
-/// The values of one set point: for each accelerometer, A, K+ and K- as (effective telemetry, value).
+/// The values of one set point: for each accelerometer, A, K+ and K- as (effective temperature, value).
 pub(crate) type SetPointValues = [[(f64, f64); QUANTITIES]; AXES];
 
 /// The estimate for all accelerometers.
@@ -90,7 +90,7 @@ impl Solution {
         }
     }
 
-    /// Makes the curves those of telemetry that is read in these steps: of heads, and of boards.
+    /// Makes the curves those of temperature that is read in these steps: of heads, and of boards.
     pub(crate) fn read_in_steps(&mut self, [head, board]: &[[f64; AXES]; 2]) {
         for (axis, of_axis) in self.axes.iter_mut().enumerate() {
             let steps = [head[axis], board[axis], board[axis]];
@@ -235,9 +235,9 @@ impl<'a> AccelerometerModel<'a> {
         let (force, by_tilt) = self.force(dwell);
         let others = [(axis + 1) % AXES, (axis + 2) % AXES];
         let misalignment = [0, 1].map(|k| self.unknown[self.misalignments[axis] + k]);
-        let telemetry = [dwell.head(axis), dwell.board(axis), dwell.board(axis)];
+        let temperature = [dwell.head(axis), dwell.board(axis), dwell.board(axis)];
         let rates = dwell.sums.rates(axis);
-        let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(telemetry[quantity]));
+        let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(temperature[quantity]));
         let [a, k_plus, k_minus] = [0, 1, 2].map(|quantity| self.value(axis, quantity, powers[quantity].as_slice()));
         let by = [-1.0, -rates[0] / (k_plus * k_plus), -rates[1] / (k_minus * k_minus)];
         for quantity in 0..QUANTITIES {
@@ -386,7 +386,7 @@ impl JointModel for AccelerometerModel<'_> {
     }
 }
 
-/// A, K+ and K- of each set point without the drift within it: the curve at the effective telemetry plus the correction
+/// A, K+ and K- of each set point without the drift within it: the curve at the effective temperature plus the correction
 /// from the set point's residuals. `None` for a set point that does not determine its parameters.
 #[must_use]
 pub(crate) fn set_point_values(
@@ -402,9 +402,9 @@ pub(crate) fn set_point_values(
             let reduced = crate::reduce::reduce(campaign, &parts, axis, solution.tilt)?;
             let delta = local_correction(campaign, dwells, set_point, solution, axis)?;
             for (quantity, value) in values.iter_mut().enumerate() {
-                let telemetry = reduced.telemetry[quantity];
+                let temperature = reduced.temperature[quantity];
                 let curve = &solution.axes[axis].curves[quantity];
-                *value = (telemetry, curve.at(telemetry) + delta[quantity]);
+                *value = (temperature, curve.at(temperature) + delta[quantity]);
             }
         }
         Some(values)

@@ -12,7 +12,7 @@ pub(crate) const MAX_AUTO_ORDER: usize = 6;
 /// How the coefficients are estimated.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Method {
-    /// All dwells at once, each with its own telemetry.
+    /// All dwells at once, each with its own temperature.
     #[default]
     OneStage,
     /// Each set point first, then polynomials through their values: the paper's method.

@@ -70,7 +70,7 @@ impl OrderRules {
     }
 }
 
-/// The curves of the chosen orders over the ranges of head and board telemetry.
+/// The curves of the chosen orders over the ranges of head and board temperature.
 pub(crate) fn curves(orders: &[[OrderTable; 3]; AXES], ranges: &[[[f64; 2]; 2]; AXES]) -> [[Curve; 3]; AXES] {
     let curve = |axis: usize, q: usize| {
         Curve::of(&orders[axis][q].regression, orders[axis][q].choice.order, ranges[axis][q.min(1)])

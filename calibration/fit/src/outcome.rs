@@ -23,7 +23,7 @@ pub enum CalibrationData {
     Ramps(Vec<RampRecording>, Box<CoefficientTable>, CalibrationOptions),
     /// Recordings at one attitude, and the nominal table.
     WarmUp(Vec<RampRecording>, Box<CoefficientTable>, WarmUpOptions),
-    /// An IMU that was put down by hand.
+    /// A tumble.
     Tumble(Vec<TumbleRecording>, TumbleOptions),
 }
 
@@ -61,7 +61,7 @@ pub enum CalibrationOutcome {
     Ramps(Box<RampCalibration>),
     /// Recordings at one attitude.
     WarmUp(Box<WarmUpCalibration>),
-    /// An IMU that was put down by hand.
+    /// A tumble.
     Tumble(Box<TumbleCalibration>),
 }
 

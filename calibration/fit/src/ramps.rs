@@ -86,7 +86,7 @@ impl RampCalibration {
         let ranges = self.shorter_ranges();
         if !ranges.is_empty() {
             sentences.push(format!(
-                "the biases beyond the telemetry of the ramps, where curves had a bias: the new ranges are {}",
+                "the biases beyond the temperature of the ramps, where curves had a bias: the new ranges are {}",
                 ranges.join(", ")
             ));
         }
@@ -151,7 +151,7 @@ impl RampCalibration {
 /// ```
 ///
 /// # Errors
-/// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another unit, or if
+/// If an option is for positions, if `curves` is no table for these ramps, if a recording is of another device, or if
 /// nothing can be estimated.
 pub fn calibrate_ramps(
     campaign: &Campaign,
@@ -294,7 +294,7 @@ fn mismatches(campaign: &Campaign, curves: &Content) -> Vec<String> {
     }
     if curves.temperature_unit != campaign.temperature_unit {
         wrong.push(format!(
-            "the telemetry of curves is in {:?}, and temperature_unit is {:?}; give a table in the unit of the ramps",
+            "the temperature of curves is in {:?}, and temperature_unit is {:?}; give a table in the unit of the ramps",
             curves.temperature_unit, campaign.temperature_unit
         ));
     }
@@ -307,7 +307,7 @@ fn mismatches(campaign: &Campaign, curves: &Content) -> Vec<String> {
     wrong
 }
 
-/// The fault that ramps are of another unit than the campaign file or the table says, or of two units.
+/// The fault that ramps are of another device than the campaign file or the table says, or of two devices.
 fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable) -> Vec<Finding> {
     let of_file = campaign.serial.as_deref().map_or(0, device);
     let found = || ramps.iter().flat_map(|ramp| ramp.devices().map(|device| (ramp.name(), device)));

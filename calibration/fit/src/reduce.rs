@@ -10,7 +10,7 @@
 //! six faces at two headings it equals the closed form: A from the horizontal readings, then K+ and K- from the up and
 //! down readings. The mean of an up and a down reading is *not* the bias if K+ differs from -K-.
 //!
-//! The temperature changes a little between the positions. Each result therefore has its own **effective telemetry**:
+//! The temperature changes a little between the positions. Each result therefore has its own **effective temperature**:
 //! the mean over the dwells with the weights that they have in this result, not the plain mean.
 
 use crate::sensor::ReducedSensor;
@@ -27,16 +27,16 @@ pub struct SensorReduction {
     /// Standard errors of the values, from the scatter within the set point; NaN if there are only as many dwells as
     /// parameters.
     pub standard_errors: [f64; PARAMETERS],
-    /// Effective telemetry: of the head for A, of the board for K+ and K-.
-    pub telemetry: [f64; 3],
+    /// Effective temperature: of the head for A, of the board for K+ and K-.
+    pub temperature: [f64; 3],
     /// Residual standard deviation \[g0\]; includes the effect of the base's tilt, if the tilt is not given.
     pub residual_sd: f64,
 }
 
 /// What both triads have, of a set point with `dwells` dwells.
 pub(crate) fn sensors(reduced: &[SensorReduction; AXES], dwells: usize) -> [ReducedSensor<'_>; AXES] {
-    reduced.each_ref().map(|SensorReduction { telemetry, values, standard_errors, .. }| ReducedSensor {
-        telemetry: *telemetry,
+    reduced.each_ref().map(|SensorReduction { temperature, values, standard_errors, .. }| ReducedSensor {
+        temperature: *temperature,
         values,
         standard_errors,
         freedom: dwells.saturating_sub(PARAMETERS),
@@ -80,8 +80,8 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<
     let error = |j: usize| residual_sd * inverse.row(j).norm();
     let [k_plus, k_minus] = [nominal[0] / solution[1], nominal[1] / solution[2]];
     // The weights of the dwells in each result sum to 1.
-    let effective = |j: usize, telemetry: &dyn Fn(&Dwell) -> f64| -> f64 {
-        dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * telemetry(dwell)).sum()
+    let effective = |j: usize, temperature: &dyn Fn(&Dwell) -> f64| -> f64 {
+        dwells.iter().enumerate().map(|(i, dwell)| pseudo[(j, i)] * matrix[(i, j)] * temperature(dwell)).sum()
     };
     let board = |dwell: &Dwell| dwell.board(axis);
     Some(SensorReduction {
@@ -93,7 +93,7 @@ pub fn reduce(campaign: &Campaign, dwells: &[&Dwell], axis: usize, tilt: Option<
             error(3),
             error(4),
         ],
-        telemetry: [effective(0, &|dwell| dwell.head(axis)), effective(1, &board), effective(2, &board)],
+        temperature: [effective(0, &|dwell| dwell.head(axis)), effective(1, &board), effective(2, &board)],
         residual_sd,
     })
 }

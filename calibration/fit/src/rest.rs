@@ -65,7 +65,7 @@ fn of_recording(recording: &RampRecording) -> (Vec<RampRecording>, RowAccount, V
             *cause = Some(LeftOutCause::Motion);
         }
     }
-    if bins.telemetry.len() == bins.len() && bins.len() > 0 {
+    if bins.temperature.len() == bins.len() && bins.len() > 0 {
         mark(recording, &bins, &mut causes);
     }
     let stretches = stretches(recording, &bins, &causes, &dense);

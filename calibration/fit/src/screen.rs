@@ -32,7 +32,7 @@ const CHUNK: usize = 8192;
 const MARGIN: usize = 320;
 /// Rows are apart if the time between them is over this many of the usual steps.
 const GAP: f64 = 10.0;
-/// Telemetry of an IMU that works \[degC\].
+/// Temperature of an IMU that works \[degC\].
 const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Sensors and thermometers.
 const CHANNELS: usize = 6 * AXES;
@@ -140,7 +140,7 @@ struct Columns {
     /// \[s\]
     times: Vec<f64>,
     sessions: Vec<u64>,
-    /// Rates \[pulse/s\] of the sensors, and telemetry; NaN of a full counter. `None` of a channel that never changes,
+    /// Rates \[pulse/s\] of the sensors, and temperature; NaN of a full counter. `None` of a channel that never changes,
     /// or that is as another one.
     values: Vec<Option<Vec<f64>>>,
     tolerance: Vec<f64>,

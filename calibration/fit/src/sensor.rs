@@ -124,8 +124,8 @@ impl TriadUnits {
 /// A sensor at one set point, reduced by itself.
 #[derive(Debug)]
 pub struct ReducedSensor<'a> {
-    /// Effective telemetry of bias, K+ and K-.
-    pub telemetry: [f64; 3],
+    /// Effective temperature of bias, K+ and K-.
+    pub temperature: [f64; 3],
     /// Bias, K+, K-, the misalignments \[rad\], and whatever comes after them.
     pub values: &'a [f64],
     /// Their standard errors.

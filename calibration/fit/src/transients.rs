@@ -1,16 +1,16 @@
-//! Transients: the lag of the sensing elements behind their telemetry, estimated from ramps and written only where the
+//! Transients: the lag of the sensing elements behind their temperature, estimated from ramps and written only where the
 //! data show it.
 //!
 //! # Model
 //! ```text
 //! dL/dt = (U - L) / tau,   d = L - U,   A = p(U) + t d
 //! ```
-//! with the head telemetry U, one time constant tau for the IMU and one transient t for each bias. Hysteresis parts
+//! with the head temperature U, one time constant tau for the IMU and one transient t for each bias. Hysteresis parts
 //! heating from cooling too, but it follows the temperature and not the time: its rival model is the play z =
 //! min(max(z, U - w), U + w) with the column (z - U)/w, at three half widths w. A table never gets a play.
 //!
 //! # Steps
-//! 1. [`RampRecording`] reduces a recording while it is read; `blocks` makes at most 400 means of it. Both telemetries
+//! 1. [`RampRecording`] reduces a recording while it is read; `blocks` makes at most 400 means of it. Both temperatures
 //!    are taken to the middle of a row, linearly between readings, and the filter runs on the readings, with the
 //!    function that runs in flight.
 //! 2. `blocks`: the columns of a bias are a constant for each recording, Chebyshev polynomials 1 to 3 of U, d, the
@@ -90,7 +90,7 @@ impl Fit {
             let rows = ramps.rows(of, tau_s);
             if written && decision::met(&bias.conditions) {
                 bias.transient = bias.estimate;
-                // The lagged telemetry begins soaked; where that leaves too little, the start counts too.
+                // The lagged temperature begins soaked; where that leaves too little, the start counts too.
                 let of_soak = |soak_s| {
                     sweeps::curve_error(&sweeps_without(ramps, of, &rows, soak_s, &self.solutions[i]), of.range)
                 };
@@ -354,7 +354,7 @@ fn loop_points(ramps: &Ramps, of: &Bias, soak_s: f64, residual: impl Fn(usize) -
     let soaked = |block: &blocks::Block| block.age_s > soak_s && block.is_fitted();
     let shown = ramps.sweeps.iter().flat_map(of_sweep).filter(|(block, _)| soaked(&ramps.blocks[*block]));
     shown
-        .map(|(block, heating)| LoopPoint { telemetry: of.telemetry[block], residual: residual(block), heating })
+        .map(|(block, heating)| LoopPoint { temperature: of.temperature[block], residual: residual(block), heating })
         .collect()
 }
 
@@ -364,7 +364,7 @@ fn static_model(ramps: &Ramps, of: &Bias) -> Coefficients {
     equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve]))
 }
 
-/// The fitted curve over the range of the telemetry \[g0 or deg/h\], shifted so that it is the axis's own at mid range.
+/// The fitted curve over the range of the temperature \[g0 or deg/h\], shifted so that it is the axis's own at mid range.
 fn curve(ramps: &Ramps, of: &Bias, coefficients: &Coefficients, axis: &Axis) -> Polynomial {
     let first = ramps.columns(Column::Curve).start;
     let [one, two, three] = core::array::from_fn(|k| coefficients.values[first + k]);
@@ -399,7 +399,7 @@ fn gap(recording: &RampRecording, tau_s: f64) -> Option<String> {
     let (at_s, gap_s) = recording.largest_gap_s();
     (gap_s > GAP * tau_s).then(|| {
         format!(
-            "{}: no rows for {gap_s:.0} s, {at_s:.0} s after its begin; the telemetry is taken to change evenly there",
+            "{}: no rows for {gap_s:.0} s, {at_s:.0} s after its begin; the temperature is taken to change evenly there",
             recording.name()
         )
     })
@@ -412,7 +412,7 @@ fn outside(ramps: &Ramps, curves: CurveSource) -> Option<String> {
         CurveSource::Campaign => "record the static positions over the range of the ramps",
         CurveSource::Ramps => "take curves whose scale factors reach as far",
     };
-    let message = format!("the telemetry goes beyond the range of the table's polynomials there; {remedy}");
+    let message = format!("the temperature goes beyond the range of the table's polynomials there; {remedy}");
     (part > 0.0).then(|| format!("{:.1} % of the ramps are left out: {message}", 100.0 * part))
 }
 

@@ -29,7 +29,7 @@ pub(crate) mod reading;
 mod recording;
 mod remainder;
 mod result;
-mod telemetry;
+mod temperature;
 mod weighted;
 
 pub use error::TumbleError;
@@ -39,7 +39,7 @@ pub use noise::{error_of_magnitude, errors_of_means};
 pub use options::{ScaleFactorChoice, TumbleOptions};
 pub use recording::TumbleRecording;
 pub use result::TumbleCalibration;
-pub use telemetry::telemetry_steps;
+pub use temperature::temperature_steps;
 
 use crate::admit::AdmittedFindings;
 use crate::checks::scale::unlike_scale_factors;
@@ -170,5 +170,5 @@ fn table(
 /// What a message calls a group: its file and static poses.
 fn group_name(recordings: &[TumbleRecording], readings: &[Reading], members: &[usize]) -> String {
     let [first, last] = [members[0], members[members.len() - 1]].map(|index| &readings[index]);
-    format!("{}, standstills {} to {}", recordings[first.recording].name, first.number, last.number)
+    format!("{}, static poses {} to {}", recordings[first.recording].name, first.number, last.number)
 }

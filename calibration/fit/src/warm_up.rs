@@ -6,14 +6,14 @@
 //!    read.
 //! 2. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
-//! 3. `curves`: each curve goes through means of 1/200 of the telemetry's range, which weigh by how they scatter; each
+//! 3. `curves`: each curve goes through means of 1/200 of the temperature's range, which weigh by how they scatter; each
 //!    recording has a constant of its own.
 //! 4. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
 //! 5. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
 //!
-//! The error of a curve is the band: how far heating and cooling are apart at the same telemetry. No curve over
-//! telemetry can be better. One sweep does not show it: the 95 % interval from noise stands beside what a lag of a
+//! The error of a curve is the band: how far heating and cooling are apart at the same temperature. No curve over
+//! temperature can be better. One sweep does not show it: the 95 % interval from noise stands beside what a lag of a
 //! minute would make.
 
 mod beside;
@@ -50,13 +50,13 @@ use std::collections::BTreeMap;
 /// Standard errors of a 95 % interval.
 const NORMAL_95: f64 = 1.96;
 
-/// Bins of the range where the telemetry's unit is no degree.
+/// Bins of the range where the temperature's unit is no degree.
 const WIDE: f64 = 60.0;
 
 /// Makes a table of recordings at one attitude. `nominal` gives everything but the bias curves.
 ///
 /// # Errors
-/// If `nominal` is no table for these recordings, if a recording is of another unit or moved, if its unit or interval
+/// If `nominal` is no table for these recordings, if a recording is of another device or moved, if its unit or interval
 /// is wrong, or if nothing can be estimated.
 pub fn calibrate_warm_up(
     campaign: &Campaign,
@@ -67,7 +67,7 @@ pub fn calibrate_warm_up(
     if !options.on_board.is_empty() && !CELSIUS.contains(&nominal.content().temperature_unit.as_str()) {
         let unit = &nominal.content().temperature_unit;
         let message =
-            format!("the telemetry is in {unit:?}, and parameters of autopilots are over degC; leave them out");
+            format!("the temperature is in {unit:?}, and parameters of autopilots are over degC; leave them out");
         return Err(CalibrationError::Options(message));
     }
     let fit_options = CalibrationOptions {
@@ -94,7 +94,7 @@ pub fn calibrate_warm_up(
     let at = options.at.unwrap_or_else(|| low.midpoint(high));
     if !(low..=high).contains(&at) {
         let message = format!(
-            "the reference temperature is {at}, and the telemetry reaches from {low} to {high}; give one of it"
+            "the reference temperature is {at}, and the temperature reaches from {low} to {high}; give one of it"
         );
         return Err(CalibrationError::Options(message));
     }
@@ -116,7 +116,7 @@ pub fn calibrate_warm_up(
 /// Why there is no curve.
 fn few(order: usize) -> CalibrationError {
     let remedy = if order > 0 { "give a lower one" } else { "record the IMU while its temperature changes" };
-    CalibrationError::Options(format!("the telemetry has too few temperatures for order {order}; {remedy}"))
+    CalibrationError::Options(format!("the temperature has too few temperatures for order {order}; {remedy}"))
 }
 
 /// Adds what was found first, and last, to the findings of the ramps.
@@ -149,26 +149,26 @@ fn all_series(recordings: &[RampRecording], ramps: &RampCalibration) -> Vec<Seri
     ramps.transients.biases.iter().filter_map(of).collect()
 }
 
-/// Telemetries of a sensor.
+/// Temperatures of a sensor.
 const HEAD: usize = 0;
 const BOARD: usize = 1;
 
-/// Least and largest telemetry of a sensor in all rows.
+/// Least and largest temperature of a sensor in all rows.
 fn extremes(recordings: &[RampRecording], kind: SensorKind, axis: usize, which: usize) -> Option<[f64; 2]> {
     let sensor = axis + if kind == SensorKind::Gyroscope { AXES } else { 0 };
     let all = recordings.iter().filter_map(|recording| recording.extremes(sensor)[which]);
     all.reduce(|[a, b], [low, high]| [a.min(low), b.max(high)])
 }
 
-/// The sweeps of the mean telemetry of the accelerometers.
+/// The sweeps of the mean temperature of the accelerometers.
 fn sweeps_of(series: &[Series]) -> Vec<Part> {
     let count = series.first().map_or(0, |bias| bias.recordings.len());
     let of_recording = |recording: usize| {
         let heads = series.get(..AXES).unwrap_or(series);
         let bins = heads.first().map_or(0, |bias| bias.recordings[recording].len());
-        let mean = |bin: usize| heads.iter().map(|bias| bias.recordings[recording][bin].telemetry).sum::<f64>();
-        let telemetry: Vec<f64> = (0..bins).map(mean).collect();
-        sweeps(&telemetry).into_iter().map(move |sweep| Part { recording, bins: sweep.values })
+        let mean = |bin: usize| heads.iter().map(|bias| bias.recordings[recording][bin].temperature).sum::<f64>();
+        let temperature: Vec<f64> = (0..bins).map(mean).collect();
+        sweeps(&temperature).into_iter().map(move |sweep| Part { recording, bins: sweep.values })
     };
     (0..count).flat_map(of_recording).collect()
 }
@@ -178,8 +178,8 @@ fn span(series: &[Series], part: &Part) -> Option<SweepSpan> {
     let (first, last) = (bins.first()?, bins.last()?);
     Some(SweepSpan {
         recording: part.recording,
-        heating: last.telemetry > first.telemetry,
-        telemetry: [first.telemetry, last.telemetry],
+        heating: last.temperature > first.temperature,
+        temperature: [first.temperature, last.temperature],
         age_s: [first.age_s, last.age_s],
     })
 }
@@ -194,7 +194,7 @@ struct CurveContext<'a> {
 }
 
 impl CurveContext<'_> {
-    /// The curve of a bias; `None` if its telemetry does not determine it.
+    /// The curve of a bias; `None` if its temperature does not determine it.
     fn curve(&self, bias: &Series, scatter: Scatter, order: usize) -> Option<BiasCurve> {
         let shape = bias.fit(&bias.whole(), order, Weight::Scatter(scatter))?;
         let transients = &self.ramps.transients.biases;
@@ -209,14 +209,14 @@ impl CurveContext<'_> {
         let raw = |bin: &BinValue| bin.value + transient.transient * bin.difference;
         let left = |of: &dyn Fn(&BinValue) -> f64| {
             let recordings = bias.recordings.iter().enumerate();
-            let value = |recording: usize| move |bin: &BinValue| (bin.telemetry, of(bin) - own(recording));
+            let value = |recording: usize| move |bin: &BinValue| (bin.temperature, of(bin) - own(recording));
             let values = recordings.flat_map(|(recording, bins)| bins.iter().map(value(recording)));
             spread_of(values, self.bin)
         };
         let beside = |autopilot: &Autopilot| {
             let cubic = beside::cubic(*autopilot, bias, &raw)?;
             let polynomial = cubic.polynomial(self.at, constant)?;
-            Some((*autopilot, polynomial, left(&|bin| raw(bin) - cubic.at(bin.telemetry))))
+            Some((*autopilot, polynomial, left(&|bin| raw(bin) - cubic.at(bin.temperature))))
         };
         let gravity = self.ramps.curves.content().gravity;
         let on_board = |parameters: &OnBoard| {
@@ -224,16 +224,16 @@ impl CurveContext<'_> {
             let shift = constant - subtracted(self.at);
             Some(OnBoardCurve {
                 name: parameters.name.clone(),
-                points: places(bias.range).map(|telemetry| (telemetry, subtracted(telemetry) + shift)).collect(),
-                after: left(&|bin| raw(bin) - subtracted(bin.telemetry)),
+                points: places(bias.range).map(|temperature| (temperature, subtracted(temperature) + shift)).collect(),
+                after: left(&|bin| raw(bin) - subtracted(bin.temperature)),
             })
         };
         Some(BiasCurve {
             kind: bias.kind,
             axis: bias.axis,
             curve: shape.polynomial(self.at, constant)?,
-            before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.telemetry)).0),
-            after: left(&|bin| bin.value - shape.at(bin.telemetry)),
+            before: left(&|bin| raw(bin) - nominal.bias_at(nominal.bias.clamp(bin.temperature)).0),
+            after: left(&|bin| bin.value - shape.at(bin.temperature)),
             interval: self.interval(bias, &shape, scatter),
             behind: largest(self.sweeps.iter().map(|sweep| behind(bias, &shape, sweep))),
             band: transient.curve_error.clone(),
@@ -247,7 +247,7 @@ impl CurveContext<'_> {
     fn interval(&self, bias: &Series, shape: &Shape, scatter: Scatter) -> f64 {
         let together = shape.together(bias, scatter);
         let at = (bias.kind == SensorKind::Accelerometer).then_some(self.at);
-        let error = |telemetry: f64| shape.standard_error(telemetry, at, together);
+        let error = |temperature: f64| shape.standard_error(temperature, at, together);
         NORMAL_95 * largest(places(bias.range).map(error))
     }
 
@@ -259,10 +259,10 @@ impl CurveContext<'_> {
             let own = shape.constants[part.recording].unwrap_or_default();
             let point = move |(_, mean): (i64, curves::Mean)| SweepPoint {
                 sweep,
-                telemetry: mean.telemetry,
+                temperature: mean.temperature,
                 age_s: mean.age_s,
                 value: mean.value - own + shift,
-                residual: mean.value - own - shape.at(mean.telemetry),
+                residual: mean.value - own - shape.at(mean.temperature),
             };
             means.into_iter().map(point).collect::<Vec<_>>()
         };
@@ -270,14 +270,14 @@ impl CurveContext<'_> {
     }
 }
 
-/// How far a curve is off at most in a sweep if the element is [`BEHIND_S`] behind its telemetry.
+/// How far a curve is off at most in a sweep if the element is [`BEHIND_S`] behind its temperature.
 fn behind(bias: &Series, shape: &Shape, sweep: &Part) -> f64 {
     let [low, high] = bias.range;
     let means = bias.means(core::slice::from_ref(sweep), bias.narrow());
     let off = means.windows(2).map(|pair| {
         let [(_, from), (_, to)] = pair else { return 0.0 };
-        let change = (to.telemetry - from.telemetry).abs();
-        let slope = (shape.at(to.telemetry) - shape.at(from.telemetry)) / change;
+        let change = (to.temperature - from.temperature).abs();
+        let slope = (shape.at(to.temperature) - shape.at(from.temperature)) / change;
         // What is further behind than the range is at the other end of it.
         slope.abs() * (change / (to.age_s - from.age_s).abs() * BEHIND_S).min(high - low)
     });
@@ -290,11 +290,11 @@ fn places([low, high]: [f64; 2]) -> impl Iterator<Item = f64> {
     (0..=INTERVALS).map(move |k| low + (high - low) * k as f64 / INTERVALS as f64)
 }
 
-/// Standard deviation and largest distance of the means of bins of the telemetry, of telemetry and value.
+/// Standard deviation and largest distance of the means of bins of the temperature, of temperature and value.
 fn spread_of(values: impl Iterator<Item = (f64, f64)>, bin: f64) -> Spread {
     let mut all: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
-    for (telemetry, value) in values {
-        let (sum, count) = all.entry((telemetry / bin).floor() as i64).or_default();
+    for (temperature, value) in values {
+        let (sum, count) = all.entry((temperature / bin).floor() as i64).or_default();
         *sum += value;
         *count += 1.0;
     }

@@ -106,7 +106,7 @@ pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> R
     let means = read_means(sheet, bytes, mapping)?;
     let mut dwells: Vec<Dwell> = Vec::new();
     for mean in means {
-        let MeanRow { line, set_point_c, position, rates, telemetry } = mean;
+        let MeanRow { line, set_point_c, position, rates, temperature } = mean;
         let refused = |message: String| {
             let place = format!("{}:{line}: set point {set_point_c} degC, position {position}", shown(sheet));
             Failure::new(Exit::Data, format!("{place}: {message}")).at(sheet, Some(line))
@@ -122,7 +122,7 @@ pub(crate) fn of_means(campaign: &Campaign, sheet: &Path, mapping: Mapping) -> R
         if let Some(other) = visit.into_iter().find(|dwell| dwell.position == index) {
             return Err(refused(format!("line {} has this mean, too; take one out", other.lines[0])));
         }
-        dwells.push(Dwell::of_means(line, set_point_c, index, rates, telemetry));
+        dwells.push(Dwell::of_means(line, set_point_c, index, rates, temperature));
     }
     let mut places = Places::default();
     places.begin(sheet, None, 0);

@@ -18,7 +18,7 @@ pub struct VerificationRun<'t> {
 }
 
 impl<'t> VerificationRun<'t> {
-    /// Opens the pieces of a recording, to be judged in windows of `window_s`. Lagged telemetry that it lacks is
+    /// Opens the pieces of a recording, to be judged in windows of `window_s`. Lagged temperature that it lacks is
     /// computed with `lag_ns`, that of the table if `None`.
     ///
     /// # Errors

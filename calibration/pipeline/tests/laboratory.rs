@@ -24,7 +24,7 @@ struct Laboratory {
 }
 
 const CHANNELS: &str = "positive = [\"A1+\", \"A2+\", \"A3+\"]\nnegative = [\"A1-\", \"A2-\", \"A3-\"]\n";
-const TELEMETRY: &str =
+const TEMPERATURE: &str =
     "[samples.temperature]\ncolumns = [\"T1\", \"T2\", \"T3\"]\nboard_columns = [\"B1\", \"B2\", \"B3\"]\n";
 const HEADER: &str = "Datum;Zeit;A1+;A1-;A2+;A2-;A3+;A3-;T1;T2;T3;B1;B2;B3\n";
 
@@ -119,7 +119,7 @@ impl Laboratory {
         let text = format!(
             "{}[samples]\nfiles = \"T{{set_point_c}}/P{{position}}.csv\"\ndecimal = \",\"\n[samples.time]\n\
              column = [\"Datum\", \"Zeit\"]\nunit = \"iso8601\"\n[samples.accelerometer]\n{CHANNELS}kind = \"rate\"\n\
-             gate_s = 10\n{TELEMETRY}{}",
+             gate_s = 10\n{TEMPERATURE}{}",
             self.head, self.positions
         );
         fs::write(self.path("files.toml"), &text).unwrap();
@@ -147,7 +147,7 @@ impl Laboratory {
         fs::write(self.path("means.csv"), text).unwrap();
         let text = format!(
             "{}[samples]\nmeans = \"means.csv\"\nset_point_c = \"T_set\"\nposition = \"Pos\"\ndecimal = \",\"\n\
-             [samples.accelerometer]\n{CHANNELS}kind = \"rate\"\n{TELEMETRY}{}",
+             [samples.accelerometer]\n{CHANNELS}kind = \"rate\"\n{TEMPERATURE}{}",
             self.head, self.positions
         );
         fs::write(self.path("means.toml"), &text).unwrap();
@@ -373,7 +373,7 @@ fn a_proposal_takes_no_temperatures_for_accelerations_and_needs_only_what_files_
     let laboratory = Laboratory::new(10, &[-20.0, 0.0, 22.5, 45.0]);
     let text = laboratory.write_files();
     laboratory.write_means();
-    // Telemetry stands first, is called as accelerations are, and is as large.
+    // Temperature stands first, is called as accelerations are, and is as large.
     let exchange = |line: &str| {
         let fields: Vec<_> = line.split(';').collect();
         [&fields[..2], &fields[8..], &fields[2..8]].concat().join(";")

@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn a_second_scale_has_round_values_where_the_pairs_have_them() {
-        // Telemetry over temperature, once rising, once falling; 20 degC was visited twice.
+        // Temperature over temperature, once rising, once falling; 20 degC was visited twice.
         for sign in [1.0, -1.0] {
             let pairs = [(0.9, -20.0), (1.0, -10.0), (1.2, 0.0), (1.69, 20.0), (1.71, 20.0), (2.2, 45.0)];
             let ticks = second_scale(pairs.map(|(u, c)| (sign * u, c)));

@@ -8,7 +8,7 @@ use isotherm_analysis::{Batch, BatchCurve, Family, Quantity, StandOut};
 use serde_json::Value;
 use std::fmt::Write as _;
 
-/// Most units whose curves are drawn each by itself; a picture of more shows nothing.
+/// Most devices whose curves are drawn each by itself; a picture of more shows nothing.
 const MOST_DRAWN: usize = 12;
 
 /// What the page states besides the statistics; only the caller knows it.
@@ -53,20 +53,20 @@ fn verdict(page: &mut Page, batch: &Batch) {
     let is_good = batch.stand_outs.as_ref().is_some_and(Vec::is_empty);
     let kind = if is_good { NoteKind::Good } else { NoteKind::Warning };
     for line in batch.verdict() {
-        page.note(kind, "Units that stand out", &line);
+        page.note(kind, "Devices that stand out", &line);
     }
     for line in looked_at(batch) {
         page.note(NoteKind::Warning, "Look at this", &line);
     }
     page.paragraph(&batch.power());
-    page.key_values(&[("Units", batch.units.join(", ")), ("1 g0", format!("{} m/s2", batch.gravity))]);
+    page.key_values(&[("Devices", batch.devices.join(", ")), ("1 g0", format!("{} m/s2", batch.gravity))]);
 }
 
 fn spread(page: &mut Page, batch: &Batch) {
-    page.heading(2, "spread", "Spread of the units");
+    page.heading(2, "spread", "Spread of the devices");
     let number = |it: &Quantity, value: f64| Cell::number(value, it.places);
     let farthest = |it: &Quantity| {
-        let sizes = it.t.iter().zip(&batch.units).filter_map(|(t, unit)| Some(((*t)?, unit)));
+        let sizes = it.t.iter().zip(&batch.devices).filter_map(|(t, unit)| Some(((*t)?, unit)));
         let farthest = sizes.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
         Cell::Number(farthest.map_or_else(|| "-".to_owned(), |(t, unit)| format!("{t:.2}, {unit}")))
     };
@@ -79,45 +79,45 @@ fn spread(page: &mut Page, batch: &Batch) {
         ("Most", &|it| number(it, it.range()[1])),
         ("Farthest, t", &|it| farthest(it)),
     ];
-    let caption = format!("{} units; curves at telemetry in {}", batch.units.len(), batch.temperature_unit);
+    let caption = format!("{} devices; curves at temperature in {}", batch.devices.len(), batch.temperature_unit);
     page.columns(&caption, &batch.quantities, &columns);
     page.paragraph(
-        "t: a unit's value less the mean of the others, over the standard deviation of such a difference. It is judged by Student's t with two degrees of \
-         freedom less than there are units; 5 % are shared among all units and quantities. Units are taken out one at a time, a quarter at most.",
+        "t: a device's value less the mean of the others, over the standard deviation of such a difference. It is judged by Student's t with two degrees of \
+         freedom less than there are devices; 5 % are shared among all devices and quantities. Devices are taken out one at a time, a quarter at most.",
     );
-    let mut plot = Plot::new("Distance of each unit from the others", "Quantity, by its row", "t").zero_line();
-    for (index, unit) in batch.units.iter().enumerate().take(MOST_DRAWN) {
+    let mut plot = Plot::new("Distance of each device from the others", "Quantity, by its row", "t").zero_line();
+    for (index, unit) in batch.devices.iter().enumerate().take(MOST_DRAWN) {
         let rows = (1..).map(f64::from).zip(&batch.quantities);
         plot = plot.series(unit, Style::Points, rows.filter_map(|(row, it)| Some((row, it.t[index]?))));
     }
-    let caption = |limit: f64| format!("A unit stands out beyond {limit:.1} to either side.");
+    let caption = |limit: f64| format!("A device stands out beyond {limit:.1} to either side.");
     page.figure(&plot.svg(), &batch.limit().map_or_else(String::new, caption));
 }
 
 fn families(page: &mut Page, batch: &Batch) {
     page.heading(2, "family", "One curve for all");
     page.paragraph(
-        "Each curve less its mid value, against the mean of the other units. A family curve is useful if it halves the rms and three quarters of the units \
-         gain: then a new unit's constants with this curve are a coarse table.",
+        "Each curve less its mid value, against the mean of the other devices. A family curve is useful if it halves the rms and three quarters of the devices \
+         gain: then a new device's constants with this curve are a coarse table.",
     );
-    let gains = |family: &Family| format!("{} of {}", family.gains(), batch.units.len());
+    let gains = |family: &Family| format!("{} of {}", family.gains(), batch.devices.len());
     let columns: [Column<'_, (&String, &Family)>; 4] = [
         ("Curve", &|(name, _)| Cell::text(*name)),
         ("rms left / rms alone", &|(_, family)| Cell::number(family.ratio(), 2)),
-        ("Units that gain", &|(_, family)| Cell::Number(gains(family))),
+        ("Devices that gain", &|(_, family)| Cell::Number(gains(family))),
         ("", &|(_, family)| Cell::text(if family.is_useful() { "useful" } else { "not useful" })),
     ];
     let families = batch.curves.iter().filter_map(|curve| Some((&curve.name, curve.family.as_ref()?)));
     page.columns("What the mean of the others leaves", families, &columns);
-    if batch.units.len() > MOST_DRAWN {
-        page.paragraph(&format!("The figures show the first {MOST_DRAWN} units."));
+    if batch.devices.len() > MOST_DRAWN {
+        page.paragraph(&format!("The figures show the first {MOST_DRAWN} devices."));
     }
     let figure = |curve: &BatchCurve| {
         let label = format!("Less mid value / {}", curve.unit);
-        let plot = Plot::new(&curve.name, &format!("Telemetry / {}", batch.temperature_unit), &label);
-        let units = batch.units.iter().zip(&curve.curves).take(MOST_DRAWN);
-        units.fold(plot, |plot, (unit, values)| {
-            plot.series(unit, Style::Line, curve.telemetry.iter().copied().zip(values.iter().copied()))
+        let plot = Plot::new(&curve.name, &format!("Temperature / {}", batch.temperature_unit), &label);
+        let devices = batch.devices.iter().zip(&curve.curves).take(MOST_DRAWN);
+        devices.fold(plot, |plot, (unit, values)| {
+            plot.series(unit, Style::Line, curve.temperature.iter().copied().zip(values.iter().copied()))
         })
     };
     page.rows_of_plots(&batch.curves.iter().map(figure).collect::<Vec<_>>());
@@ -126,7 +126,7 @@ fn families(page: &mut Page, batch: &Batch) {
 /// The lines that `calibrate turntable --batch` prints.
 #[must_use]
 pub fn text(batch: &Batch) -> String {
-    let mut text = format!("batch of {} units\n", batch.units.len());
+    let mut text = format!("batch of {} devices\n", batch.devices.len());
     text += "  quantity                                              unit          median        std. dev.           least            most\n";
     for quantity in &batch.quantities {
         let places = quantity.places;
@@ -147,16 +147,16 @@ pub fn text(batch: &Batch) -> String {
     text
 }
 
-/// The statistics as JSON. Figures with `in_unit` are in the `unit` of the same object, in the order of `units`.
+/// The statistics as JSON. Figures with `in_unit` are in the `unit` of the same object, in the order of `devices`.
 #[must_use]
 pub fn document(batch: &Batch) -> Value {
     value(&BatchView::of(batch))
 }
 
 view! { BatchView<'a>(batch: &'a Batch) {
-    units: &'a [String] = &batch.units,
+    devices: &'a [String] = &batch.devices,
     gravity_m_s2: f64 = batch.gravity,
-    telemetry_unit: &'a str = &batch.temperature_unit,
+    temperature_unit: &'a str = &batch.temperature_unit,
     quantities: Vec<QuantityView<'a>> = batch.quantities.iter().map(QuantityView::of).collect(),
     families: Vec<FamilyView<'a>> =
         batch.curves.iter().map(|curve| FamilyView::of(curve, curve.family.as_ref())).collect(),
@@ -190,7 +190,7 @@ view! { FamilyView<'a>(curve: &'a BatchCurve, family: Option<&'a Family>) {
 }}
 
 view! { StandOutView<'a>(batch: &'a Batch, found: &StandOut) {
-    unit: &'a str = &batch.units[found.unit],
+    unit: &'a str = &batch.devices[found.unit],
     quantity: &'a str = &batch.quantities[found.quantity].name,
     t: f64 = found.t,
     limit_t: f64 = found.limit,

@@ -149,7 +149,7 @@ impl CalibrationPage<'_> {
         let label = format!("dU/dt of the head / ({} per h)", self.unit());
         plots(&|axis, dwell| dwell.head_per_s(axis) * 3600.0, "residuals against drift", &label);
         page.paragraph(
-            "A trend against dU/dt would mean that heads or boards lag behind their telemetry: no polynomial of the telemetry \
+            "A trend against dU/dt would mean that heads or boards lag behind their temperature: no polynomial of the temperature \
              removes that.",
         );
     }
@@ -176,7 +176,7 @@ impl CalibrationPage<'_> {
         };
         let over_head = |axis: usize| {
             let title = format!("{} over temperature", AXIS_NAMES[axis]);
-            let plot = self.plot_over_telemetry(&self.triads[0], &title, ERROR, axis, 0);
+            let plot = self.plot_over_temperature(&self.triads[0], &title, ERROR, axis, 0);
             series(plot, axis, &|dwell| dwell.head(axis))
         };
         page.plots(&[[0, 1, 2].map(over_time), [0, 1, 2].map(over_head)].concat());
@@ -223,8 +223,8 @@ impl CalibrationPage<'_> {
                 ("leave-one-set-point-out, K- at 1 g0".to_owned(), leave_one_out[2]),
                 ("misalignments, at 1 g0 across".to_owned(), misalignment),
                 ("residual of a dwell".to_owned(), Some(self.calibration.residual_sd(axis))),
-                (step("head telemetry, bias"), Some(slope[0])),
-                (step("board telemetry, K") + ", at 1 g0", Some(slope[1].max(slope[2]))),
+                (step("head temperature, bias"), Some(slope[0])),
+                (step("board temperature, K") + ", at 1 g0", Some(slope[1].max(slope[2]))),
             ];
             lines.map(|(label, value)| navigation(&format!("{name} {label}"), value.unwrap_or(f64::NAN)))
         };
@@ -287,8 +287,8 @@ impl CalibrationPage<'_> {
         };
         let columns: [Column<'_, (&str, &[Curve; 3])>; 3] = [
             ("Axis", &|(name, _)| Cell::text(*name)),
-            ("Head telemetry", &|(_, [bias, ..])| range(bias)),
-            ("Board telemetry", &|(_, [_, plus, _])| range(plus)),
+            ("Head temperature", &|(_, [bias, ..])| range(bias)),
+            ("Board temperature", &|(_, [_, plus, _])| range(plus)),
         ];
         let sensors = self.triads.iter().flat_map(|triad| triad.names.into_iter().zip(triad.curves));
         page.columns("Ranges of the table", sensors, &columns);

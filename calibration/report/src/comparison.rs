@@ -83,9 +83,9 @@ fn curves(page: &mut Page, comparison: &Comparison) {
     );
     let unit = &comparison.new_table().table.content().temperature_unit;
     let figure = |curve: &CurveComparison| {
-        let points = || curve.telemetry.iter().copied().zip(curve.differences.iter().copied());
+        let points = || curve.temperature.iter().copied().zip(curve.differences.iter().copied());
         let label = format!("New less old / {}", curve.unit);
-        let plot = Plot::new(&curve.name(), &format!("Telemetry / {unit}"), &label).zero_line();
+        let plot = Plot::new(&curve.name(), &format!("Temperature / {unit}"), &label).zero_line();
         let plot = plot.series("Difference", Style::Line, points());
         match curve.half_widths() {
             Some(halves) => plot.band(points().zip(halves).map(|((u, d), half)| (u, d - half, d + half))),
@@ -130,7 +130,7 @@ fn trends(page: &mut Page, comparison: &Comparison) {
         ("Slope", &|it| slope(it)),
         ("Standard error", &|it| Cell::number(it.slope_error, places(it.unit))),
         ("p", &|it| Cell::Number(probability(it))),
-        ("At telemetry", &|it| Cell::number(it.telemetry, 3)),
+        ("At temperature", &|it| Cell::number(it.temperature, 3)),
     ];
     let caption = "Straight lines over the dates, at the middle of the common range";
     page.columns(caption, &comparison.trends, &columns);

@@ -10,9 +10,9 @@
 //! let mut page = Page::new("Bias", "imu-a");
 //! let rows = [vec![Cell::text("A1"), Cell::number(793.55, 2)]];
 //! page.table("At 0 V", &["", "Bias / ug0"], &rows);
-//! let bias = (0..10).map(|i| f64::from(i) / 2.0).map(|telemetry| (telemetry, 793.55 - 1074.7 * telemetry));
-//! let plot = Plot::new("Bias", "Telemetry / V", "Bias / ug0").series("A1", Style::Line, bias);
-//! page.figure(&plot.svg(), "Bias over telemetry");
+//! let bias = (0..10).map(|i| f64::from(i) / 2.0).map(|temperature| (temperature, 793.55 - 1074.7 * temperature));
+//! let plot = Plot::new("Bias", "Temperature / V", "Bias / ug0").series("A1", Style::Line, bias);
+//! page.figure(&plot.svg(), "Bias over temperature");
 //! let html = page.finish();
 //! assert!(html.contains("<svg") && html.contains("793.55") && !html.contains("<script"));
 //! ```

@@ -1,4 +1,4 @@
-//! Pictures of the loop between heating and cooling: the residual of a bias against its telemetry, coloured by
+//! Pictures of the loop between heating and cooling: the residual of a bias against its temperature, coloured by
 //! direction.
 
 use super::plot::{Plot, Style};
@@ -21,9 +21,9 @@ pub(crate) fn pictures(
         let title = format!("{name} {model}");
         let of = |heating: bool| {
             let of_direction = points.iter().filter(move |point| point.heating == heating);
-            of_direction.map(|point| (point.telemetry, point.residual * factor))
+            of_direction.map(|point| (point.temperature, point.residual * factor))
         };
-        let plot = Plot::new(&title, "Head telemetry", &format!("Residual / {unit}")).zero_line().include_y(all());
+        let plot = Plot::new(&title, "Head temperature", &format!("Residual / {unit}")).zero_line().include_y(all());
         let plot = plot.series("Cooling", Style::Points, of(false)).series("Heating", Style::Points, of(true));
         (plot.svg(), format!("{title}: {}", caption(unit, factor, points)))
     };
@@ -56,7 +56,7 @@ mod tests {
     /// A loop whose directions are `apart` [g0].
     fn round_trip(apart: f64) -> Vec<LoopPoint> {
         let point = |i: i32, heating: bool| LoopPoint {
-            telemetry: f64::from(i),
+            temperature: f64::from(i),
             residual: if heating { 0.5 * apart } else { -0.5 * apart },
             heating,
         };

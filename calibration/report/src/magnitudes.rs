@@ -11,7 +11,7 @@ use isotherm_verification::{Magnitude, Magnitudes, Requirement};
 use serde_json::Value;
 
 /// What the magnitudes do not show.
-pub const NOT_JUDGED: &str = "not judged: the direction of the output, and errors across the specific force; standstills in unknown attitudes show the length alone";
+pub const NOT_JUDGED: &str = "not judged: the direction of the output, and errors across the specific force; static poses in unknown attitudes show the length alone";
 
 /// The magnitudes as text: the figures, then a line for each static pose.
 #[must_use]
@@ -20,7 +20,7 @@ pub fn text(magnitudes: &Magnitudes) -> String {
     let largest = magnitudes.largest();
     let mut text = parts::first_line(magnitudes.made_the_table);
     text += &format!(
-        "{}\nLocal gravity {}\n{}\n\nLength of the output less local gravity [1e-6 g0], 95 %\n  largest  {} in standstill {}\n  mean     {}\n  rms      {:.3}\n  {NOT_JUDGED}\n\n",
+        "{}\nLocal gravity {}\n{}\n\nLength of the output less local gravity [1e-6 g0], 95 %\n  largest  {} in static pose {}\n  mean     {}\n  rms      {:.3}\n  {NOT_JUDGED}\n\n",
         counts(magnitudes),
         magnitudes.gravity_source,
         magnitudes.shown,
@@ -29,10 +29,10 @@ pub fn text(magnitudes: &Magnitudes) -> String {
         shown(mean.value, mean.interval),
         rms * 1e6,
     );
-    text += "  standstill    start / s   length / s   specific force, output axes / g0   head telemetry          error / 1e-6 g0\n";
+    text += "  static pose    start / s   length / s   specific force, output axes / g0   head temperature          error / 1e-6 g0\n";
     for magnitude in poses {
         let Magnitude { reading, force: [a1, a2, a3], error, out_of_range } = magnitude;
-        let remark = if *out_of_range { "  telemetry outside the table's range" } else { "" };
+        let remark = if *out_of_range { "  temperature outside the table's range" } else { "" };
         let (number, start_s, seconds) = (reading.number, reading.start_s, reading.seconds);
         let (head, error) = (head(magnitude), shown(error.value, error.interval));
         text += &format!(
@@ -47,7 +47,7 @@ fn counts(magnitudes: &Magnitudes) -> String {
         0 => String::new(),
         count => format!(", {count} without a valid output"),
     };
-    format!("{} standstills, {} too short{invalid}", magnitudes.poses.len(), magnitudes.too_short)
+    format!("{} static poses, {} too short{invalid}", magnitudes.poses.len(), magnitudes.too_short)
 }
 
 fn shown(value: f64, interval: f64) -> String {
@@ -65,30 +65,30 @@ pub fn json(magnitudes: &Magnitudes, window_s: f64, required: Option<Requirement
 }
 
 view! { MagnitudesView<'a>(magnitudes: &'a Magnitudes, window_s: f64, judged: JudgedView) {
-    judged_by: &'a str = "standstills",
+    judged_by: &'a str = "static_poses",
     window_s: f64 = window_s,
-    standstills: usize = magnitudes.poses.len(),
+    static_poses: usize = magnitudes.poses.len(),
     too_short: usize = magnitudes.too_short,
     turned: usize = magnitudes.turned,
     invalid: usize = magnitudes.invalid,
     made_the_table: bool = magnitudes.made_the_table,
     driven_parts: [[f64; 2]; 3] = magnitudes.shown.driven,
     not_shown: &'a [String] = &magnitudes.shown.undriven,
-    telemetry_part: f64 = magnitudes.shown.telemetry,
+    temperature_part: f64 = magnitudes.shown.temperature,
     hole: Option<&'a str> = magnitudes.shown.hole.as_deref(),
     gravity_local_m_s2: Option<f64> = magnitudes.gravity_source.value(),
     gravity_source: &'a str = magnitudes.gravity_source.name(),
     largest: LargestView = LargestView::of(magnitudes.largest()),
     mean: Figures = with_unit(&magnitudes.mean, "g0"),
     rms_g0: f64 = magnitudes.rms,
-    standstill: Vec<MagnitudeView<'a>> = magnitudes.poses.iter().map(MagnitudeView::of).collect(),
+    static_pose: Vec<MagnitudeView<'a>> = magnitudes.poses.iter().map(MagnitudeView::of).collect(),
     #[serde(flatten)]
     judged: JudgedView = judged,
     not_judged: &'a str = NOT_JUDGED,
 }}
 
 view! { LargestView(magnitude: &Magnitude) {
-    standstill: usize = magnitude.reading.number,
+    static_pose: usize = magnitude.reading.number,
     value_g0: f64 = magnitude.error.value,
     interval_g0: f64 = magnitude.error.interval,
 }}
@@ -99,7 +99,7 @@ view! { MagnitudeView<'a>(magnitude: &'a Magnitude) {
     length_s: f64 = magnitude.reading.seconds,
     rows: usize = magnitude.reading.rows.len(),
     specific_force_g0: &'a [f64] = &magnitude.force,
-    head_in_unit_of_telemetry: &'a [f64] = &magnitude.reading.head,
+    head_in_unit_of_temperature: &'a [f64] = &magnitude.reading.head,
     error_g0: f64 = magnitude.error.value,
     interval_g0: f64 = magnitude.error.interval,
     out_of_range: bool = magnitude.out_of_range,
@@ -108,7 +108,7 @@ view! { MagnitudeView<'a>(magnitude: &'a Magnitude) {
 /// The page as HTML.
 #[must_use]
 pub fn html(table: &CoefficientTable, magnitudes: &Magnitudes, source: &VerificationSource) -> String {
-    let title = format!("Verification of {} by standstills", table.content().imu);
+    let title = format!("Verification of {} by static poses", table.content().imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     result(&mut page, table, magnitudes, source);
     static_poses(&mut page, magnitudes);
@@ -121,10 +121,10 @@ fn result(page: &mut Page, table: &CoefficientTable, magnitudes: &Magnitudes, so
     let largest = magnitudes.largest();
     let error = shown(largest.error.value, largest.error.interval);
     page.key_values(&[
-        ("Standstills", counts(magnitudes)),
+        ("StaticPoses", counts(magnitudes)),
         ("Local gravity", magnitudes.gravity_source.to_string()),
         ("Shown", magnitudes.shown.to_string()),
-        ("Largest error", format!("{error}e-6 g0, standstill {}", largest.reading.number)),
+        ("Largest error", format!("{error}e-6 g0, static pose {}", largest.reading.number)),
         ("Mean error", format!("{}e-6 g0", shown(magnitudes.mean.value, magnitudes.mean.interval))),
         ("Rms error", format!("{:.3}e-6 g0", magnitudes.rms * 1e6)),
         ("Table", table.digest().to_string()),
@@ -137,10 +137,10 @@ fn result(page: &mut Page, table: &CoefficientTable, magnitudes: &Magnitudes, so
 }
 
 fn static_poses(page: &mut Page, magnitudes: &Magnitudes) {
-    page.heading(2, "standstills", "Standstills");
+    page.heading(2, "static_poses", "StaticPoses");
     let points = magnitudes.poses.iter().map(|it| (it.reading.number as f64, it.error.value * 1e6));
     let bars = magnitudes.poses.iter().map(|it| it.error.interval * 1e6);
-    let plot = Plot::new("Length of the output less local gravity", "Number of the standstill", "Error / 1e-6 g0");
+    let plot = Plot::new("Length of the output less local gravity", "Number of the static pose", "Error / 1e-6 g0");
     let plot = plot.series("Error", Style::Points, points).errors(bars).zero_line();
     page.figure(&plot.svg(), "Bars: 95 % from the noise of each mean.");
     let columns: [Column<'_, &Magnitude>; 9] = [
@@ -150,9 +150,9 @@ fn static_poses(page: &mut Page, magnitudes: &Magnitudes) {
         ("A1 / g0", &|it| Cell::number(it.force[0], 4)),
         ("A2 / g0", &|it| Cell::number(it.force[1], 4)),
         ("A3 / g0", &|it| Cell::number(it.force[2], 4)),
-        ("Head telemetry", &|it| Cell::number(head(it), 3)),
+        ("Head temperature", &|it| Cell::number(head(it), 3)),
         ("Error / 1e-6 g0", &|it| Cell::number(it.error.value * 1e6, 3)),
         ("95 % / 1e-6 g0", &|it| Cell::number(it.error.interval * 1e6, 3)),
     ];
-    page.columns("Standstills: specific force along the output axes", &magnitudes.poses, &columns);
+    page.columns("StaticPoses: specific force along the output axes", &magnitudes.poses, &columns);
 }

@@ -56,7 +56,7 @@ pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     page.finish()
 }
 
-/// A sensor: its coefficients, its curve, and its line in head telemetry.
+/// A sensor: its coefficients, its curve, and its line in head temperature.
 fn sensor(page: &mut Page, sensor: &SensorNoise, temperature_unit: &str) {
     page.heading(2, sensor.name, sensor.name);
     let Some(allan) = &sensor.allan else {
@@ -71,9 +71,9 @@ fn sensor(page: &mut Page, sensor: &SensorNoise, temperature_unit: &str) {
             |from_s| format!("contaminated from tau = {from_s:.4} s: there the curve without it leaves the intervals"),
         );
         let slope = text::slope(line, &units);
-        page.paragraph(&format!("Slope over head telemetry: {slope} per {temperature_unit}; {from}."));
+        page.paragraph(&format!("Slope over head temperature: {slope} per {temperature_unit}; {from}."));
         if line.contaminated_from_s.is_some() {
-            let without = format!("{} without the line in head telemetry", sensor.name);
+            let without = format!("{} without the line in head temperature", sensor.name);
             coefficients(page, &without, &line.without, &units);
             figures.push(figure(&without, &line.without, &units));
         }

@@ -71,7 +71,7 @@ pub(crate) fn file_names(paths: &str) -> String {
 /// Intervals between the points of a drawn curve.
 pub(crate) const CURVE_INTERVALS: usize = 120;
 
-/// Evenly spaced telemetry over a range, both ends included, for drawing and averaging.
+/// Evenly spaced temperature over a range, both ends included, for drawing and averaging.
 pub(crate) fn grid([low, high]: [f64; 2], intervals: usize) -> impl Iterator<Item = f64> {
     (0..=intervals).map(move |i| low + (high - low) * i as f64 / intervals as f64)
 }

@@ -46,7 +46,7 @@ fn curves(page: &mut Page, calibration: &RampCalibration) {
             grid(new.bias.range(), CURVE_INTERVALS).map(|u| (u, value(u))).collect()
         };
         let title = format!("Bias of {}", bias.name());
-        let plot = Plot::new(&title, &format!("Head telemetry / {unit}"), &format!("Bias / {}", units.bias_on_page));
+        let plot = Plot::new(&title, &format!("Head temperature / {unit}"), &format!("Bias / {}", units.bias_on_page));
         let plot = plot.series("Ramps", Style::Line, line(new)).series("Curves", Style::Line, line(old));
         figures.push((plot.svg(), String::new()));
     }

@@ -22,9 +22,9 @@ pub(crate) const RANDOM_WALK: FigureFormat = FigureFormat { places: 5, unit: "de
 
 /// Why samples are flagged.
 pub(crate) const FLAGGED: &str =
-    "telemetry out of the table's range or not plausible, or a lag that is not the table's";
+    "temperature out of the table's range or not plausible, or a lag that is not the table's";
 /// Why the hysteresis band begins late.
-pub(crate) const SOAKED: &str = "there the lagged telemetry begins soaked, which the IMU may not have been";
+pub(crate) const SOAKED: &str = "there the lagged temperature begins soaked, which the IMU may not have been";
 
 /// The errors of each accelerometer, of the length and of the level, with their names.
 pub(crate) fn named_errors(stability: &Stability) -> impl Iterator<Item = (&'static str, &Errors)> {

@@ -327,7 +327,7 @@ fn hysteresis(names: [&str; AXES], loops: &Loops, unsettled_s: Option<f64>, show
         format!("  the first {seconds} s are left out of it, 3 time constants: {SOAKED}\n")
     });
     format!(
-        "\nHysteresis band: error in heating less that in cooling, rms over the bins of telemetry that have both [{unit}]\n          static model   \
+        "\nHysteresis band: error in heating less that in cooling, rms over the bins of temperature that have both [{unit}]\n          static model   \
          full model   bins\n{lines}  {models}\n{left_out}"
     )
 }

@@ -7,11 +7,11 @@ use super::plot::{Plot, Style};
 use isotherm_fit::{BiasTransient, Condition, Prediction, TransientVerdict, Transients, TriadUnits};
 use isotherm_statistics::band;
 
-/// The sections. `unit` is that of the telemetry.
+/// The sections. `unit` is that of the temperature.
 pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
     page.heading(2, "transients", "Transients");
     page.paragraph(
-        "Heating and cooling differ where the sensing elements are behind their telemetry by a lag, or by hysteresis. A lag has one time constant; hysteresis depends on the \
+        "Heating and cooling differ where the sensing elements are behind their temperature by a lag, or by hysteresis. A lag has one time constant; hysteresis depends on the \
          temperature alone. A transient is written only where the ramps show a lag.",
     );
     let kind = match found.verdict {
@@ -26,7 +26,7 @@ pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
     conditions(page, found);
     page.heading(3, "transients-loops", "Heating and cooling");
     page.paragraph(
-        "Residual of the bias against its telemetry, mean of each block: without transient, and with the transient as estimated, whether it is written or not.",
+        "Residual of the bias against its temperature, mean of each block: without transient, and with the transient as estimated, whether it is written or not.",
     );
     for bias in &found.biases {
         let units = TriadUnits::of(bias.kind);

@@ -25,7 +25,7 @@ const CURVE_INTERVALS: usize = 60;
 pub fn text(calibration: &TumbleCalibration) -> String {
     let mut text = choices(calibration);
     text.extend(within(calibration.losses, "the recordings"));
-    text += &values_at_mid_telemetry(calibration);
+    text += &values_at_mid_temperature(calibration);
     text.extend(largest_bands(calibration));
     text += &evidence(calibration);
     text + &static_poses(calibration)
@@ -35,7 +35,7 @@ pub fn text(calibration: &TumbleCalibration) -> String {
 fn choices(calibration: &TumbleCalibration) -> String {
     let TumbleCalibration { readings, too_short, groups, unknowns, reasons, .. } = calibration;
     format!(
-        "{} standstills in {} at {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
+        "{} static poses in {} at {}, {too_short} too short, digest {}\n\n  order {}: {}\n  {}: {}\n\n",
         readings.len(),
         counted(groups.count, "group", "groups"),
         counted(groups.levels, "temperature", "temperatures"),
@@ -47,9 +47,9 @@ fn choices(calibration: &TumbleCalibration) -> String {
     )
 }
 
-fn values_at_mid_telemetry(calibration: &TumbleCalibration) -> String {
+fn values_at_mid_temperature(calibration: &TumbleCalibration) -> String {
     let mut text =
-        "  at mid telemetry, 95 %    bias / 1e-6 g0           K+ / (pulse/(s*g0))          K- / (pulse/(s*g0))\n"
+        "  at mid temperature, 95 %    bias / 1e-6 g0           K+ / (pulse/(s*g0))          K- / (pulse/(s*g0))\n"
             .to_owned();
     for (axis, name) in AXIS_NAMES.iter().enumerate() {
         let [bias, plus, minus] = mid_in_words(calibration, axis);
@@ -71,7 +71,7 @@ fn largest_bands(calibration: &TumbleCalibration) -> Option<String> {
     let (bias, plus, minus) = (largest(0, false)?, largest(1, true)?, largest(2, true)?);
     let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
     Some(format!(
-        "  largest 95 % band for each whole curve over the telemetry of the standstills, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm\n",
+        "  largest 95 % band for each whole curve over the temperature of the static poses, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm\n",
         bias * 1e6,
         plus.max(minus) * 1e6
     ))
@@ -83,7 +83,7 @@ fn evidence(calibration: &TumbleCalibration) -> String {
     let mut text =
         normal_gravity(calibration).map_or_else(String::new, |gravity| format!("  local gravity {gravity}\n"));
     text += &format!(
-        "  residuals {:.2}e-6 g0 rms, {} degrees of freedom{}\n  D sqrt(n) {dilution:.2}: an error of 1 in each standstill is one of {:.2} in the output\n  {NOT_OBSERVABLE}\n",
+        "  residuals {:.2}e-6 g0 rms, {} degrees of freedom{}\n  D sqrt(n) {dilution:.2}: an error of 1 in each static pose is one of {:.2} in the output\n  {NOT_OBSERVABLE}\n",
         calibration.residual_rms() * 1e6,
         calibration.freedom,
         shared(calibration),
@@ -91,7 +91,7 @@ fn evidence(calibration: &TumbleCalibration) -> String {
     );
     if let Some([g1, g2, g3]) = calibration.gyroscope_rates() {
         text += &format!(
-            "  gyroscopes, mean over the standstills: {g1:.4} {g2:.4} {g3:.4} pulse/s; Earth's rate is in it, and nothing of them goes into the table\n"
+            "  gyroscopes, mean over the static poses: {g1:.4} {g2:.4} {g3:.4} pulse/s; Earth's rate is in it, and nothing of them goes into the table\n"
         );
     }
     text
@@ -99,7 +99,7 @@ fn evidence(calibration: &TumbleCalibration) -> String {
 
 fn static_poses(calibration: &TumbleCalibration) -> String {
     let mut text =
-        "\n  standstill    start / s   length / s   specific force A1 A2 A3 / g0   head telemetry   residual / 1e-6 g0\n".to_owned();
+        "\n  static pose    start / s   length / s   specific force A1 A2 A3 / g0   head temperature   residual / 1e-6 g0\n".to_owned();
     let poses = calibration.readings.iter().zip(&calibration.forces).zip(&calibration.residuals);
     for ((reading, [a1, a2, a3]), residual) in poses {
         let Reading { number, start_s, seconds, .. } = reading;
@@ -141,13 +141,13 @@ fn shared(calibration: &TumbleCalibration) -> String {
     )
 }
 
-/// Value at mid telemetry with the half width of its 95 % interval.
+/// Value at mid temperature with the half width of its 95 % interval.
 fn mid(calibration: &TumbleCalibration, axis: usize, quantity: usize) -> (f64, Option<f64>) {
-    let (curve, telemetry) = (&calibration.curves[axis][quantity], calibration.mid(axis, quantity));
-    (curve.at(telemetry), curve.interval(telemetry, CONFIDENCE))
+    let (curve, temperature) = (&calibration.curves[axis][quantity], calibration.mid(axis, quantity));
+    (curve.at(temperature), curve.interval(temperature, CONFIDENCE))
 }
 
-/// Bias, K+ and K- of an axis at mid telemetry, with their 95 % intervals.
+/// Bias, K+ and K- of an axis at mid temperature, with their 95 % intervals.
 fn mid_in_words(calibration: &TumbleCalibration, axis: usize) -> [String; 3] {
     let [bias, plus, minus] = [0, 1, 2].map(|quantity| mid(calibration, axis, quantity));
     [with_interval(bias, 1e6, 2), with_relative(plus), with_relative(minus)]
@@ -188,7 +188,7 @@ view! { CalibrationView<'a>(found: &'a TumbleCalibration, all: Value) {
     imu: &'a str = found.table.content().imu.as_str(),
     digest: String = found.table.digest().to_string(),
     method: &'a str = GRAVITY_ONLY,
-    standstills: usize = found.readings.len(),
+    static_poses: usize = found.readings.len(),
     too_short: usize = found.too_short,
     losses: Losses = found.losses,
     groups: usize = found.groups.count,
@@ -219,8 +219,8 @@ view! { CalibrationView<'a>(found: &'a TumbleCalibration, all: Value) {
     not_observable: &'a str = NOT_OBSERVABLE,
     curves: Vec<CurveView<'a>> =
         (0..9).map(|index| CurveView::of(&found.curves[index / 3][index % 3], index / 3, index % 3)).collect(),
-    standstill: Vec<StandstillView> =
-        (0..found.readings.len()).map(|index| StandstillView::of(found, &found.readings[index], index)).collect(),
+    static_pose: Vec<StaticPoseView> =
+        (0..found.readings.len()).map(|index| StaticPoseView::of(found, &found.readings[index], index)).collect(),
     findings: Value = all,
 }}
 
@@ -229,26 +229,26 @@ view! { CurveView<'a>(curve: &Curve, number: usize, of: usize) {
     quantity: &'a str = QUANTITIES[of],
     unit: &'a str = if of == 0 { "g0" } else { "pulse/(s*g0)" },
     order: usize = curve.order(),
-    range_in_unit_of_telemetry: [f64; 2] = curve.range(),
-    measured_in_unit_of_telemetry: [f64; 2] = curve.measured(),
+    range_in_unit_of_temperature: [f64; 2] = curve.range(),
+    measured_in_unit_of_temperature: [f64; 2] = curve.measured(),
     largest_interval_in_unit: Option<f64> = largest_interval(curve, false),
     largest_band_in_unit: Option<f64> = largest_band(curve, false),
 }}
 
-view! { StandstillView(found: &TumbleCalibration, reading: &Reading, index: usize) {
+view! { StaticPoseView(found: &TumbleCalibration, reading: &Reading, index: usize) {
     number: usize = reading.number,
     recording: usize = reading.recording + 1,
     start_s: f64 = reading.start_s,
     length_s: f64 = reading.seconds,
     rows: usize = reading.rows.len(),
     specific_force_g0: [f64; AXES] = found.forces[index],
-    head_in_unit_of_telemetry: [f64; AXES] = reading.head,
-    board_in_unit_of_telemetry: [f64; AXES] = reading.board,
+    head_in_unit_of_temperature: [f64; AXES] = reading.head,
+    board_in_unit_of_temperature: [f64; AXES] = reading.board,
     residual_g0: f64 = found.residuals[index],
     gyroscope_rate_pulse_per_s: Option<[f64; AXES]> = reading.gyroscopes,
 }}
 
-/// A quantity of each axis at mid telemetry.
+/// A quantity of each axis at mid temperature.
 fn values(found: &TumbleCalibration, quantity: usize) -> [f64; AXES] {
     [0, 1, 2].map(|axis| found.curves[axis][quantity].at(found.mid(axis, quantity)))
 }
@@ -272,9 +272,9 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     let cells = |axis: usize| core::iter::once(AXIS_NAMES[axis].to_owned()).chain(mid_in_words(calibration, axis));
     let rows: Vec<Vec<Cell>> = (0..AXES).map(|axis| cells(axis).map(Cell::text).collect()).collect();
     let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
-    page.table("Values at mid telemetry with 95 % intervals", &header, &rows);
+    page.table("Values at mid temperature with 95 % intervals", &header, &rows);
     page.key_values(&[
-        ("Standstills", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
+        ("StaticPoses", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
         ("Groups by file, power-up and temperature", calibration.groups.count.to_string()),
         ("Temperatures", calibration.groups.levels.to_string()),
         ("Order", format!("{}: {}", calibration.unknowns.order, calibration.reasons[0])),
@@ -293,7 +293,7 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     residuals(&mut page, calibration);
     if let Some(rates) = calibration.gyroscope_rates() {
         page.heading(2, "gyroscopes", "Gyroscopes");
-        page.paragraph("Mean rate over the standstills. Earth's rate is in it; nothing of it goes into the table.");
+        page.paragraph("Mean rate over the static poses. Earth's rate is in it; nothing of it goes into the table.");
         let rows: Vec<_> =
             GYROSCOPE_NAMES.iter().zip(rates).map(|(name, rate)| (*name, format!("{rate:.4} pulse/s"))).collect();
         page.key_values(&rows);
@@ -310,10 +310,10 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
 }
 
 fn residuals(page: &mut Page, calibration: &TumbleCalibration) {
-    page.heading(2, "standstills", "Standstills");
+    page.heading(2, "static_poses", "StaticPoses");
     let points = calibration.readings.iter().zip(&calibration.residuals);
     let points: Vec<(f64, f64)> = points.map(|(reading, residual)| (reading.number as f64, residual * 1e6)).collect();
-    let plot = Plot::new("Length of the output less local gravity", "Number of the standstill", "Residual / 1e-6 g0");
+    let plot = Plot::new("Length of the output less local gravity", "Number of the static pose", "Residual / 1e-6 g0");
     let plot = plot.series("Residual", Style::Points, points).zero_line();
     page.figure(&plot.svg(), "");
     let rows: Vec<Vec<Cell>> = (0..calibration.readings.len())
@@ -331,9 +331,17 @@ fn residuals(page: &mut Page, calibration: &TumbleCalibration) {
             ]
         })
         .collect();
-    let header =
-        ["Number", "Start / s", "Length / s", "A1 / g0", "A2 / g0", "A3 / g0", "Head telemetry", "Residual / 1e-6 g0"];
-    page.table("Standstills: specific force along the output axes", &header, &rows);
+    let header = [
+        "Number",
+        "Start / s",
+        "Length / s",
+        "A1 / g0",
+        "A2 / g0",
+        "A3 / g0",
+        "Head temperature",
+        "Residual / 1e-6 g0",
+    ];
+    page.table("StaticPoses: specific force along the output axes", &header, &rows);
 }
 
 fn curves(page: &mut Page, calibration: &TumbleCalibration) {
@@ -352,8 +360,8 @@ fn curves(page: &mut Page, calibration: &TumbleCalibration) {
                 let ends = [curve.at(at) - half, curve.at(at) + half].map(shown);
                 Some((at, ends[0].min(ends[1]), ends[0].max(ends[1])))
             });
-            let telemetry = if quantity == 0 { "Head" } else { "Board" };
-            let plot = Plot::new(&format!("{name}: {label}"), &format!("{telemetry} telemetry / {unit}"), label);
+            let temperature = if quantity == 0 { "Head" } else { "Board" };
+            let plot = Plot::new(&format!("{name}: {label}"), &format!("{temperature} temperature / {unit}"), label);
             let plot = plot.series("Curve", Style::Line, points.iter().map(|&at| (at, shown(curve.at(at))))).band(band);
             figures.push((plot.svg(), String::new()));
         }

@@ -148,7 +148,7 @@ fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
     stability.windows.iter().filter(|window| window.counts)
 }
 
-/// The telemetry at which the coefficients are frozen.
+/// The temperature at which the coefficients are frozen.
 fn frozen_at(middle: &[[f64; 2]; AXES], table: &CoefficientTable) -> String {
     let middle = middle.map(|[head, board]| format!("{head:.4}, {board:.4}")).join("; ");
     format!("{middle} {}", table.content().temperature_unit)
@@ -275,7 +275,7 @@ fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: 
     ];
     page.columns(&format!("Hysteresis band [{}]", shown.unit_of_band), 0..AXES, &columns);
     page.paragraph(
-        "The error in heating less that in cooling, rms over those of 12 bins of telemetry that have both. The static model is the table without its \
+        "The error in heating less that in cooling, rms over those of 12 bins of temperature that have both. The static model is the table without its \
          transients. Lag, hysteresis and a drift with time all open the loop.",
     );
     if let Some(seconds) = unsettled_s {
@@ -307,13 +307,13 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.plots(&after);
     page.heading(3, "drift", "What is left, against dU/dt");
     page.plots(&rates);
-    page.paragraph("A trend against dU/dt means that heads or boards lag behind their telemetry.");
+    page.paragraph("A trend against dU/dt means that heads or boards lag behind their temperature.");
 }
 
 /// The errors before and after, those after alone, and those after against the drift; each over time, then over
 /// temperature, by sensor.
 fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<Plot>; 3] {
-    let head = format!("Head telemetry / {temperature_unit}");
+    let head = format!("Head temperature / {temperature_unit}");
     let (mut both, mut after) = (Vec::new(), Vec::new());
     type WindowView<'a> = (&'a str, &'a str, &'a dyn Fn(&Window, usize) -> f64, Style);
     let views: [WindowView<'_>; 2] = [
@@ -346,7 +346,7 @@ impl TriadView<'_> {
 
     /// The errors after against dU/dt, by sensor.
     fn drift_figures(&self, x_label: &str) -> Vec<Plot> {
-        // dU/dt is taken over at least a minute; over a shorter time the telemetry's noise hides it.
+        // dU/dt is taken over at least a minute; over a shorter time the temperature's noise hides it.
         let step = (60.0 / self.windows.first().map_or(60.0, |window| window.seconds)).ceil().max(1.0) as usize;
         let thinned: Vec<_> = self.windows.iter().copied().step_by(step).collect();
         let figure = |(axis, name): (usize, &&str)| {
@@ -398,20 +398,20 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
         let name = AXIS_NAMES[index];
         rows.push(navigation(&format!("{name} what is left, rms about zero"), stability.axes[index].rms_after));
         let [head, board] = stability.resolution[index];
-        // Change of a value by one step of the telemetry, where the curve is steepest in the run.
+        // Change of a value by one step of the temperature, where the curve is steepest in the run.
         let steepest = |value: &dyn Fn(f64) -> f64, of: fn(&Window) -> &[f64; 3], step: f64| {
             let change = |window: &Window| (value(of(window)[index] + step) - value(of(window)[index])).abs();
             largest(counted(stability).map(change))
         };
         if let Some(step) = head {
             let change = steepest(&|u| axis.bias_at(u).0, |window| &window.head, step);
-            rows.push(navigation(&format!("{name} one step of head telemetry ({step:.2e}), bias"), change));
+            rows.push(navigation(&format!("{name} one step of head temperature ({step:.2e}), bias"), change));
         }
         if let Some(step) = board {
             let relative =
                 |u: f64| axis.positive_scale_factor_at(u).0.ln().max((-axis.negative_scale_factor_at(u).0).ln());
             let change = steepest(&relative, |window| &window.board, step);
-            rows.push(navigation(&format!("{name} one step of board telemetry ({step:.2e}), K at 1 g0"), change));
+            rows.push(navigation(&format!("{name} one step of board temperature ({step:.2e}), K at 1 g0"), change));
         }
     }
     page.table("Errors and what they cost", &NAVIGATION, &rows);

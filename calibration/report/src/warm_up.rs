@@ -90,7 +90,7 @@ fn order_words(order: &OrderChoice) -> String {
         (true, ..) => "given",
         (_, 4.., _) => "which predicts sweeps left out better than a cubic",
         (_, 3, _) => "the autopilots' cubic",
-        _ => "the highest that the telemetry determines",
+        _ => "the highest that the temperature determines",
     };
     format!("order {}, {how}", order.order)
 }
@@ -251,7 +251,7 @@ pub(crate) fn fill(page: &mut Page, campaign: &Campaign, calibration: &WarmUpCal
 /// `cooling 51.6 to -17.6, heating -17.6 to 74.0`.
 fn sweeps(calibration: &WarmUpCalibration) -> String {
     let words = calibration.sweeps.iter().map(|sweep| {
-        let [from, to] = sweep.telemetry;
+        let [from, to] = sweep.temperature;
         format!("{} {from:.1} to {to:.1}", if sweep.heating { "heating" } else { "cooling" })
     });
     words.collect::<Vec<_>>().join(", ")
@@ -363,7 +363,7 @@ fn curves(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
         let curve = line(&bias.curve, factor);
         let plot = Plot::new(
             &format!("Bias of {}", bias.name()),
-            &format!("Head telemetry / {unit}"),
+            &format!("Head temperature / {unit}"),
             &format!("Bias / ({si})"),
         );
         let mut plot = plot.series("Curve", Style::Line, curve.iter().copied());
@@ -375,10 +375,10 @@ fn curves(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
             plot = plot.series(autopilot.title(), Style::Line, line(curve, factor));
         }
         for on_board in &bias.on_board {
-            let points = on_board.points.iter().map(|(telemetry, value)| (*telemetry, value * factor));
+            let points = on_board.points.iter().map(|(temperature, value)| (*temperature, value * factor));
             plot = plot.series(&on_board.name, Style::Line, points);
         }
-        let plot = by_sweep(plot, calibration, bias, |it| (it.telemetry, it.value * factor));
+        let plot = by_sweep(plot, calibration, bias, |it| (it.temperature, it.value * factor));
         (plot.svg(), String::new())
     };
     page.figures(&calibration.biases.iter().map(figure).collect::<Vec<_>>());
@@ -386,15 +386,16 @@ fn curves(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
 
 fn residuals(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
     page.heading(2, "residuals", "Residuals");
-    page.paragraph("What the curve leaves of each sweep, over telemetry and over time. Sweeps that are apart are the band; a step in time is a bump.");
+    page.paragraph("What the curve leaves of each sweep, over temperature and over time. Sweeps that are apart are the band; a step in time is a bump.");
     let gravity = calibration.table().content().gravity;
     let figures = calibration.biases.iter().flat_map(|bias| {
         let (factor, si) = thousandths(bias, gravity);
         let label = format!("Residual / ({si})");
-        let telemetry = Plot::new(&format!("{} by sweep", bias.name()), &format!("Head telemetry / {unit}"), &label);
+        let temperature =
+            Plot::new(&format!("{} by sweep", bias.name()), &format!("Head temperature / {unit}"), &label);
         let time = Plot::new(&format!("{} in time", bias.name()), "Time since the begin / s", &label);
         let plots = [
-            by_sweep(telemetry, calibration, bias, |it| (it.telemetry, it.residual * factor)),
+            by_sweep(temperature, calibration, bias, |it| (it.temperature, it.residual * factor)),
             by_sweep(time, calibration, bias, |it| (it.age_s, it.residual * factor)),
         ];
         plots.map(|plot| (plot.zero_line().svg(), String::new()))

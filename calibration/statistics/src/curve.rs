@@ -1,4 +1,4 @@
-//! A fitted polynomial of telemetry, with the covariance of its coefficients.
+//! A fitted polynomial of temperature, with the covariance of its coefficients.
 
 use crate::curve_band;
 use crate::double_double::DoubleDouble;
@@ -22,7 +22,7 @@ const CHECK_POINTS: u32 = 64;
 ///
 /// let points = [(1.0, 4.9), (2.0, 7.1), (3.0, 9.0), (4.0, 11.1), (5.0, 12.9)].map(|(x, y)| DataPoint::new(x, y));
 /// let curve = Curve::of(&Regression::new(points.to_vec(), 1)?, 1, [1.0, 5.0]);
-/// assert!((curve.slope(3.0) - 2.0).abs() < 1e-12); // per volt of telemetry
+/// assert!((curve.slope(3.0) - 2.0).abs() < 1e-12); // per volt of temperature
 /// assert!(curve.interval(3.0, CONFIDENCE) < curve.interval(5.0, CONFIDENCE)); // best in the middle
 /// assert!(curve.interval(3.0, CONFIDENCE) < curve.band(3.0, CONFIDENCE)); // the whole curve at once
 /// // Fitted in ug0, written in g0.
@@ -47,14 +47,14 @@ pub struct Curve {
 /// What a slope that a curve lacks adds to its interval: `per_unit` times the distance from `about`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlopeError {
-    /// Half width of the 95 % interval per unit of telemetry, in the value's unit.
+    /// Half width of the 95 % interval per unit of temperature, in the value's unit.
     pub per_unit: f64,
-    /// Telemetry at which it adds nothing.
+    /// Temperature at which it adds nothing.
     pub about: f64,
 }
 
 impl Curve {
-    /// A curve from coefficients of the centred and scaled telemetry, ascending. Without degrees of freedom, the
+    /// A curve from coefficients of the centred and scaled temperature, ascending. Without degrees of freedom, the
     /// covariance is dropped.
     #[must_use]
     pub fn new(
@@ -68,14 +68,14 @@ impl Curve {
         Self { center, scale, coefficients, covariance, freedom, range, measured: range, slope: None, resolution: 0.0 }
     }
 
-    /// The curve with what is known of its error: the telemetry that was measured, out of which no interval is known,
+    /// The curve with what is known of its error: the temperature that was measured, out of which no interval is known,
     /// and what a slope that it lacks adds.
     #[must_use]
     pub fn known(self, measured: [f64; 2], slope: Option<SlopeError>) -> Self {
         Self { measured, slope, ..self }
     }
 
-    /// The curve of telemetry that is read in steps of `resolution`, 0 if it has none: the error of such a reading goes
+    /// The curve of temperature that is read in steps of `resolution`, 0 if it has none: the error of such a reading goes
     /// into the interval.
     #[must_use]
     pub fn read_in_steps(self, resolution: f64) -> Self {
@@ -102,13 +102,13 @@ impl Curve {
         self.coefficients.len() - 1
     }
 
-    /// Lowest and highest telemetry of the curve.
+    /// Lowest and highest temperature of the curve.
     #[must_use]
     pub const fn range(&self) -> [f64; 2] {
         self.range
     }
 
-    /// Lowest and highest telemetry of the data: in it the interval is known. It is the range, unless a wider one was
+    /// Lowest and highest temperature of the data: in it the interval is known. It is the range, unless a wider one was
     /// stated.
     #[must_use]
     pub const fn measured(&self) -> [f64; 2] {
@@ -127,67 +127,67 @@ impl Curve {
         self.freedom
     }
 
-    /// Centre and scale of the telemetry.
+    /// Centre and scale of the temperature.
     #[must_use]
     pub const fn basis(&self) -> [f64; 2] {
         [self.center, self.scale]
     }
 
-    /// Coefficients of the powers of the centred and scaled telemetry, ascending.
+    /// Coefficients of the powers of the centred and scaled temperature, ascending.
     #[must_use]
     pub const fn coefficients(&self) -> &DVector<f64> {
         &self.coefficients
     }
 
-    /// Powers of the centred and scaled telemetry, ascending.
+    /// Powers of the centred and scaled temperature, ascending.
     #[must_use]
-    pub fn powers(&self, telemetry: f64) -> DVector<f64> {
-        let x = self.scaled(telemetry);
+    pub fn powers(&self, temperature: f64) -> DVector<f64> {
+        let x = self.scaled(temperature);
         DVector::from_fn(self.coefficients.len(), |k, _| x.powi(k as i32))
     }
 
-    fn scaled(&self, telemetry: f64) -> f64 {
-        (telemetry - self.center) / self.scale
+    fn scaled(&self, temperature: f64) -> f64 {
+        (temperature - self.center) / self.scale
     }
 
-    /// The value at `telemetry`.
+    /// The value at `temperature`.
     #[must_use]
-    pub fn at(&self, telemetry: f64) -> f64 {
-        self.powers(telemetry).dot(&self.coefficients)
+    pub fn at(&self, temperature: f64) -> f64 {
+        self.powers(temperature).dot(&self.coefficients)
     }
 
-    /// Slope at `telemetry`, in the value's unit per unit of telemetry.
+    /// Slope at `temperature`, in the value's unit per unit of temperature.
     #[must_use]
-    pub fn slope(&self, telemetry: f64) -> f64 {
-        let powers = self.powers(telemetry);
+    pub fn slope(&self, temperature: f64) -> f64 {
+        let powers = self.powers(temperature);
         let terms = (1..self.coefficients.len()).map(|k| k as f64 * self.coefficients[k] * powers[k - 1]);
         terms.sum::<f64>() / self.scale
     }
 
-    /// Standard error of the value at `telemetry`.
+    /// Standard error of the value at `temperature`.
     #[must_use]
-    pub fn standard_error(&self, telemetry: f64) -> Option<f64> {
-        let powers = self.powers(telemetry);
+    pub fn standard_error(&self, temperature: f64) -> Option<f64> {
+        let powers = self.powers(temperature);
         self.covariance.as_ref().map(|covariance| root(powers.dot(&(covariance * &powers))))
     }
 
-    /// Half width of the confidence interval of the value at `telemetry` alone, at `confidence`, 0 to 1; a slope that
+    /// Half width of the confidence interval of the value at `temperature` alone, at `confidence`, 0 to 1; a slope that
     /// the curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's
     /// slope makes one of the value. `None` without errors, and where nothing was measured.
     #[must_use]
-    pub fn interval(&self, telemetry: f64, confidence: f64) -> Option<f64> {
-        self.half_width(telemetry, self.point_quantile(confidence)?)
+    pub fn interval(&self, temperature: f64, confidence: f64) -> Option<f64> {
+        self.half_width(temperature, self.point_quantile(confidence)?)
     }
 
-    /// Half width at `telemetry` of the band that holds for the whole curve: with probability `confidence` the truth is
-    /// within it at all of the measured telemetry at once. [`interval`](Self::interval) is what holds at a telemetry
+    /// Half width at `temperature` of the band that holds for the whole curve: with probability `confidence` the truth is
+    /// within it at all of the measured temperature at once. [`interval`](Self::interval) is what holds at a temperature
     /// that was chosen before. `None` as there.
     #[must_use]
-    pub fn band(&self, telemetry: f64, confidence: f64) -> Option<f64> {
-        self.half_width(telemetry, self.band_quantile(confidence)?)
+    pub fn band(&self, temperature: f64, confidence: f64) -> Option<f64> {
+        self.half_width(temperature, self.band_quantile(confidence)?)
     }
 
-    /// How many standard errors an interval at one telemetry is wide to either side; `None` without errors.
+    /// How many standard errors an interval at one temperature is wide to either side; `None` without errors.
     #[must_use]
     pub fn point_quantile(&self, confidence: f64) -> Option<f64> {
         self.covariance.as_ref().map(|_| student_quantile_of(confidence, self.freedom))
@@ -200,20 +200,20 @@ impl Curve {
         Some(curve_band::quantile(length, self.coefficients.len(), self.freedom, confidence))
     }
 
-    /// Half width at `telemetry` of so many standard errors; `None` as [`interval`](Self::interval).
+    /// Half width at `temperature` of so many standard errors; `None` as [`interval`](Self::interval).
     #[must_use]
-    pub fn half_width(&self, telemetry: f64, quantile: f64) -> Option<f64> {
+    pub fn half_width(&self, temperature: f64, quantile: f64) -> Option<f64> {
         let [low, high] = self.measured;
         // A point that was computed from the ends may lie beyond by rounding.
         let rounding = 1e-9 * (high - low).max(high.abs());
-        let known = (low - rounding..=high + rounding).contains(&telemetry);
-        let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (telemetry - slope.about).abs());
-        let error = self.standard_error(telemetry).filter(|_| known)?;
-        let of_reading = self.slope(telemetry) * self.resolution / 12.0_f64.sqrt();
+        let known = (low - rounding..=high + rounding).contains(&temperature);
+        let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (temperature - slope.about).abs());
+        let error = self.standard_error(temperature).filter(|_| known)?;
+        let of_reading = self.slope(temperature) * self.resolution / 12.0_f64.sqrt();
         Some(error.hypot(of_reading) * quantile + slope)
     }
 
-    /// Coefficients of the powers of the raw telemetry, ascending; expanded in double-double, then rounded once.
+    /// Coefficients of the powers of the raw temperature, ascending; expanded in double-double, then rounded once.
     #[must_use]
     pub fn raw(&self) -> Vec<f64> {
         let count = self.coefficients.len();
@@ -225,7 +225,7 @@ impl Curve {
         matrix.iter().map(raw).collect()
     }
 
-    /// Covariance of the coefficients of the powers of the raw telemetry.
+    /// Covariance of the coefficients of the powers of the raw temperature.
     #[must_use]
     pub fn raw_covariance(&self) -> Option<DMatrix<f64>> {
         let count = self.coefficients.len();
@@ -234,8 +234,8 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| &matrix * covariance * matrix.transpose())
     }
 
-    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw telemetry, or of the centred and
-    /// scaled telemetry if cancellation between the raw powers would lose digits. `None` if the order is too high for a
+    /// The polynomial for a table, multiplied by `factor`. It has powers of the raw temperature, or of the centred and
+    /// scaled temperature if cancellation between the raw powers would lose digits. `None` if the order is too high for a
     /// table.
     #[must_use]
     pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
@@ -247,7 +247,7 @@ impl Curve {
         }
     }
 
-    /// Whether the powers of the raw telemetry are accurate enough for the table.
+    /// Whether the powers of the raw temperature are accurate enough for the table.
     #[must_use]
     pub fn is_raw(&self) -> bool {
         let Some(raw) = Polynomial::new(&self.raw(), 0.0, 1.0, self.range) else { return false };

@@ -20,7 +20,7 @@ use nalgebra::{DMatrix, DVector};
 /// Parts of the range whose lengths are added; a cubic's path is known to 1e-4 then.
 const PARTS: u32 = 200;
 
-/// Length of the path of the direction over `range`, in the scaled telemetry that the covariance's powers are of.
+/// Length of the path of the direction over `range`, in the scaled temperature that the covariance's powers are of.
 pub(crate) fn length(covariance: &DMatrix<f64>, [low, high]: [f64; 2]) -> f64 {
     let step = (high - low) / f64::from(PARTS);
     // By the middles of the parts.

@@ -1,28 +1,28 @@
 //! How far heating and cooling are apart: the sweeps of a recording and the hysteresis band of a residual.
 //!
-//! A sweep is what lies between two turns of the telemetry, with the hold after it. The band is the residual of heating
-//! sweeps less that of cooling sweeps, by bins of telemetry. Lag and hysteresis both open it; nothing here tells them
+//! A sweep is what lies between two turns of the temperature, with the hold after it. The band is the residual of heating
+//! sweeps less that of cooling sweeps, by bins of temperature. Lag and hysteresis both open it; nothing here tells them
 //! apart (see transients).
 
 use core::ops::Range;
 
-/// A turn counts if the telemetry goes back by more than this part of its range.
+/// A turn counts if the temperature goes back by more than this part of its range.
 const LEAST_TURN: f64 = 0.15;
 /// What is nearer to the end of a sweep than this part of the range is the hold after it.
 const HOLD: f64 = 0.02;
-/// Bins of telemetry that heating and cooling are compared in.
+/// Bins of temperature that heating and cooling are compared in.
 pub const BINS: usize = 12;
 
-/// What the telemetry did between two turns, with the hold after it.
+/// What the temperature did between two turns, with the hold after it.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Sweep {
     /// The values that belong to it.
     pub values: Range<usize>,
-    /// Whether the telemetry rose.
+    /// Whether the temperature rose.
     pub heating: bool,
 }
 
-/// The sweeps of telemetry in the order of time. A series that turns nowhere is one sweep; one that does not change, or
+/// The sweeps of temperature in the order of time. A series that turns nowhere is one sweep; one that does not change, or
 /// an empty one, has none.
 ///
 /// ```
@@ -33,31 +33,31 @@ pub struct Sweep {
 /// assert_eq!(sweeps(&up_and_down), expected);
 /// ```
 #[must_use]
-pub fn sweeps(telemetry: &[f64]) -> Vec<Sweep> {
-    let low = telemetry.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = telemetry.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+pub fn sweeps(temperature: &[f64]) -> Vec<Sweep> {
+    let low = temperature.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = temperature.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let range = high - low;
     if !(range > 0.0 && range.is_finite()) {
         return Vec::new();
     }
-    // The turning points: index of the extremum, and whether the telemetry rose to it.
+    // The turning points: index of the extremum, and whether the temperature rose to it.
     let mut turns: Vec<(usize, bool)> = Vec::new();
     let (mut lowest, mut highest) = (0, 0);
     let mut rising = None;
-    for (i, &value) in telemetry.iter().enumerate() {
-        if value < telemetry[lowest] {
+    for (i, &value) in temperature.iter().enumerate() {
+        if value < temperature[lowest] {
             lowest = i;
         }
-        if value > telemetry[highest] {
+        if value > temperature[highest] {
             highest = i;
         }
-        if rising != Some(true) && value - telemetry[lowest] > LEAST_TURN * range {
+        if rising != Some(true) && value - temperature[lowest] > LEAST_TURN * range {
             if rising == Some(false) {
                 turns.push((lowest, false));
             }
             rising = Some(true);
             highest = i;
-        } else if rising != Some(false) && telemetry[highest] - value > LEAST_TURN * range {
+        } else if rising != Some(false) && temperature[highest] - value > LEAST_TURN * range {
             if rising == Some(true) {
                 turns.push((highest, true));
             }
@@ -68,16 +68,17 @@ pub fn sweeps(telemetry: &[f64]) -> Vec<Sweep> {
     let mut sweeps = Vec::new();
     let mut begin = 0;
     for &(turn, heating) in &turns {
-        // The hold ends where the telemetry leaves the neighbourhood of the turn.
-        let near = |value: &f64| (value - telemetry[turn]).abs() <= HOLD * range;
-        let end = turn + telemetry[turn..].iter().take_while(|value| near(value)).count();
+        // The hold ends where the temperature leaves the neighbourhood of the turn.
+        let near = |value: &f64| (value - temperature[turn]).abs() <= HOLD * range;
+        let end = turn + temperature[turn..].iter().take_while(|value| near(value)).count();
         sweeps.push(Sweep { values: begin..end, heating });
         begin = end;
     }
-    let last = turns.last().map_or_else(|| telemetry[telemetry.len() - 1] > telemetry[0], |(_, heating)| !heating);
+    let last =
+        turns.last().map_or_else(|| temperature[temperature.len() - 1] > temperature[0], |(_, heating)| !heating);
     let last = if turns.is_empty() { rising.unwrap_or(last) } else { last };
-    if begin < telemetry.len() {
-        sweeps.push(Sweep { values: begin..telemetry.len(), heating: last });
+    if begin < temperature.len() {
+        sweeps.push(Sweep { values: begin..temperature.len(), heating: last });
     }
     sweeps
 }
@@ -85,24 +86,24 @@ pub fn sweeps(telemetry: &[f64]) -> Vec<Sweep> {
 /// Mean residual over a short time at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopPoint {
-    /// Mean head telemetry.
-    pub telemetry: f64,
+    /// Mean head temperature.
+    pub temperature: f64,
     /// Mean residual, in the bias's unit.
     pub residual: f64,
     /// Whether it is of a heating sweep.
     pub heating: bool,
 }
 
-/// The hysteresis band: the residual of heating less that of cooling in 12 bins of telemetry, rms over the bins that
+/// The hysteresis band: the residual of heating less that of cooling in 12 bins of temperature, rms over the bins that
 /// have both. `None` where heating and cooling share no bin.
 ///
 /// ```
 /// use isotherm_statistics::{LoopPoint, band, shared_bins};
 ///
 /// // Heating reads 1.5 ug0 more than cooling over the whole range of 1 to 4 V.
-/// let at = |telemetry, residual, heating| LoopPoint { telemetry, residual, heating };
-/// let telemetry = (0..=30).map(|i| 1.0 + 0.1 * f64::from(i));
-/// let points: Vec<_> = telemetry.flat_map(|x| [at(x, 1.5, true), at(x, 0.0, false)]).collect();
+/// let at = |temperature, residual, heating| LoopPoint { temperature, residual, heating };
+/// let temperature = (0..=30).map(|i| 1.0 + 0.1 * f64::from(i));
+/// let points: Vec<_> = temperature.flat_map(|x| [at(x, 1.5, true), at(x, 0.0, false)]).collect();
 /// assert_eq!(band(&points), Some(1.5));
 /// assert_eq!(shared_bins(&points), 12);
 /// assert_eq!(band(&points[..1]), None);
@@ -120,14 +121,14 @@ pub fn shared_bins(points: &[LoopPoint]) -> usize {
     differences(points).count()
 }
 
-/// The residual of heating less that of cooling in each bin of telemetry that has both.
+/// The residual of heating less that of cooling in each bin of temperature that has both.
 fn differences(points: &[LoopPoint]) -> impl Iterator<Item = f64> {
-    let low = points.iter().map(|point| point.telemetry).fold(f64::INFINITY, f64::min);
-    let high = points.iter().map(|point| point.telemetry).fold(f64::NEG_INFINITY, f64::max);
+    let low = points.iter().map(|point| point.temperature).fold(f64::INFINITY, f64::min);
+    let high = points.iter().map(|point| point.temperature).fold(f64::NEG_INFINITY, f64::max);
     // Sum and number of each bin, of cooling and of heating.
     let mut bins = [[(0.0, 0_usize); 2]; BINS];
     for point in points {
-        let bin = ((point.telemetry - low) / (high - low) * BINS as f64) as usize;
+        let bin = ((point.temperature - low) / (high - low) * BINS as f64) as usize;
         let (sum, count) = &mut bins[bin.min(BINS - 1)][usize::from(point.heating)];
         *sum += point.residual;
         *count += 1;
@@ -169,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn telemetry_without_turns_is_one_sweep() {
+    fn temperature_without_turns_is_one_sweep() {
         let of = |values: &[f64]| sweeps(values);
         assert_eq!(of(&[]), []);
         assert_eq!(of(&[1.0; 9]), []);
@@ -180,7 +181,7 @@ mod tests {
 
     #[test]
     fn the_band_is_the_difference_of_the_directions() {
-        let point = |i: i32, heating: bool, residual| LoopPoint { telemetry: f64::from(i), residual, heating };
+        let point = |i: i32, heating: bool, residual| LoopPoint { temperature: f64::from(i), residual, heating };
         let both = |apart: f64| -> Vec<LoopPoint> {
             (0..=120)
                 .flat_map(move |i| [point(i, true, 1.0 + apart / 2.0), point(i, false, 1.0 - apart / 2.0)])
@@ -192,7 +193,8 @@ mod tests {
         // Only what both directions have is compared.
         assert_eq!(band(&[point(0, true, 5.0), point(10, false, 1.0)]), None);
         assert_eq!(band(&[]), None);
-        let half = both(3.0).into_iter().filter(|it: &LoopPoint| it.heating || it.telemetry > 60.5).collect::<Vec<_>>();
+        let half =
+            both(3.0).into_iter().filter(|it: &LoopPoint| it.heating || it.temperature > 60.5).collect::<Vec<_>>();
         assert_eq!((shared_bins(&both(3.0)), shared_bins(&half), shared_bins(&[])), (BINS, BINS / 2, 0));
     }
 }

@@ -5,7 +5,7 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use isotherm_statistics::{DataPoint, OrderTable, Regression, Rule};
 //!
-//! // A bias [ug0] that is quadratic in the telemetry [V], with a disturbance of 0.02 ug0.
+//! // A bias [ug0] that is quadratic in the temperature [V], with a disturbance of 0.02 ug0.
 //! let points = (0..12).map(|i| (1.0 + 0.2 * f64::from(i), [0.02, -0.02, 0.01][i as usize % 3]));
 //! let points = points.map(|(x, noise)| DataPoint::new(x, 900.0 - 40.0 * x + 5.0 * x * x + noise));
 //! let table = OrderTable::choose(Regression::new(points.collect(), 5)?, &Rule::default());

@@ -23,8 +23,8 @@ const DEFAULT_ORDER: usize = 6;
 /// ```
 /// use isotherm_statistics::default_order;
 ///
-/// let telemetry = [1.1, 1.5, 1.9, 2.3, 2.7];
-/// assert_eq!(default_order(&telemetry, 0), 3); // two degrees of freedom are left
+/// let temperature = [1.1, 1.5, 1.9, 2.3, 2.7];
+/// assert_eq!(default_order(&temperature, 0), 3); // two degrees of freedom are left
 /// ```
 #[must_use]
 pub fn default_order(x: &[f64], linear: usize) -> usize {
@@ -59,14 +59,14 @@ impl OrderTable {
         Self { regression, choice, diagnostics }
     }
 
-    /// The table of a curve through the values of set points, given as telemetry and value: of the order `fixed`, or of
+    /// The table of a curve through the values of set points, given as temperature and value: of the order `fixed`, or of
     /// the one that `rule` chooses up to `highest`.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use isotherm_statistics::{OrderTable, Rule};
     ///
-    /// // K+ [pulse/(s*g0)] at five set points, by telemetry [V]; order 1 is asked for.
+    /// // K+ [pulse/(s*g0)] at five set points, by temperature [V]; order 1 is asked for.
     /// let values = [(1.1, 97_001.0), (1.8, 97_008.2), (2.5, 97_015.1), (3.2, 97_021.8), (3.9, 97_029.0)];
     /// let table = OrderTable::of_set_points(values.into_iter(), Some(1), 1, &Rule::default())?;
     /// assert_eq!(table.choice.order, 1);
@@ -87,7 +87,7 @@ impl OrderTable {
         let possible = match fixed {
             // The table also shows up to two higher orders, as the number of points allows.
             Some(order) => (order + 2).min(points.len().saturating_sub(2)).min(MAX_ORDER).max(order),
-            // Telemetry with few digits may be the same at several set points.
+            // Temperature with few digits may be the same at several set points.
             None => highest.min(distinct(points.iter().map(|point| point.x.value())).saturating_sub(2)),
         };
         let regression = Regression::new(points, possible)?;

@@ -135,15 +135,15 @@ impl Regression {
 
     /// Fits every order from 0 to `max_order`, each beside the columns `linear`. `x` is the name of x, for messages.
     ///
-    /// A rate that depends on the telemetry \[V\] and on the supply voltage \[V\]:
+    /// A rate that depends on the temperature \[V\] and on the supply voltage \[V\]:
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use isotherm_statistics::{DataPoint, DoubleDouble, LinearColumn, Regression};
     ///
-    /// let [telemetry, supply] = [[1.0, 1.5, 2.0, 2.5, 3.0, 3.5], [14.9, 15.1, 15.0, 15.2, 14.8, 15.0]];
-    /// let points = telemetry.iter().zip(supply).map(|(&x, z)| DataPoint::new(x, 100.0 + 2.0 * x * x - 3.0 * z));
+    /// let [temperature, supply] = [[1.0, 1.5, 2.0, 2.5, 3.0, 3.5], [14.9, 15.1, 15.0, 15.2, 14.8, 15.0]];
+    /// let points = temperature.iter().zip(supply).map(|(&x, z)| DataPoint::new(x, 100.0 + 2.0 * x * x - 3.0 * z));
     /// let column = LinearColumn { name: "supply".to_owned(), values: supply.map(DoubleDouble::from).to_vec() };
-    /// let regression = Regression::with_linear(points.collect(), "telemetry", vec![column], 2)?;
+    /// let regression = Regression::with_linear(points.collect(), "temperature", vec![column], 2)?;
     /// assert!((regression.fits()[2].linear[0].coefficient + 3.0).abs() < 1e-12);
     /// # Ok(())
     /// # }

@@ -1,4 +1,4 @@
-//! How far the sweeps of ramps disagree at the same telemetry: the honest error of a bias curve that they give.
+//! How far the sweeps of ramps disagree at the same temperature: the honest error of a bias curve that they give.
 //!
 //! Sweeps are compared by their means in 12 bins of the range, so that each temperature weighs alike. A recording has a
 //! constant of its own, which is taken off: what polynomials of order 3, one for each sweep, have at mid range.
@@ -26,9 +26,9 @@ const ROUNDING: f64 = 1e-9;
 pub struct SweepValues {
     /// Number of its recording: all sweeps of a recording have one unknown constant.
     pub recording: usize,
-    /// Whether the telemetry rises.
+    /// Whether the temperature rises.
     pub heating: bool,
-    /// Telemetry and value. Values less a curve that is common to all sweeps tell the same, with less error within
+    /// Temperature and value. Values less a curve that is common to all sweeps tell the same, with less error within
     /// bins.
     pub values: Vec<(f64, f64)>,
 }
@@ -38,7 +38,7 @@ pub struct SweepValues {
 pub struct SweepBand {
     /// Half of the largest difference of two sweeps' means in a bin: the error of the curve, not negative.
     pub half_width: f64,
-    /// Telemetry in the middle of that bin.
+    /// Temperature in the middle of that bin.
     pub at: f64,
     /// Bins with two sweeps, of 12.
     pub bins: usize,
@@ -55,7 +55,7 @@ pub struct Disagreement {
     pub difference: f64,
     /// How many times as large as noise makes it the difference is over the whole range, root mean square.
     pub errors: f64,
-    /// Telemetry there.
+    /// Temperature there.
     pub at: f64,
     /// Indices of the sweeps.
     pub sweeps: [usize; 2],
@@ -189,8 +189,8 @@ impl Alone {
 /// Means of place and value of each bin, and the number of its values.
 fn bin_means(values: &[(f64, f64)], [low, high]: [f64; 2]) -> ([Option<(f64, f64)>; BINS], [usize; BINS]) {
     let mut sums = [(0.0, 0.0, 0_usize); BINS];
-    for (telemetry, value) in values {
-        let part = (telemetry - low) / (high - low);
+    for (temperature, value) in values {
+        let part = (temperature - low) / (high - low);
         let (places, sum, count) = &mut sums[((part * BINS as f64) as usize).min(BINS - 1)];
         *places += 2.0 * part - 1.0;
         *sum += value;

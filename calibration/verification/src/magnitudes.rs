@@ -10,7 +10,7 @@ use crate::stability::{LocalGravity, hole};
 use crate::verdict::Estimate;
 use core::fmt;
 use isotherm_campaign::{StaticPose, StaticPoseError, StaticPoses, begins_ns, find_static_poses};
-use isotherm_fit::{Reading, error_of_magnitude, errors_of_means, telemetry_steps};
+use isotherm_fit::{Reading, error_of_magnitude, errors_of_means, temperature_steps};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
@@ -23,7 +23,7 @@ const ONE_ATTITUDE: f64 = 0.1;
 /// Degrees of freedom of the noise, from so many rows that the normal quantile holds.
 const NOISE_FREEDOM: usize = 1000;
 /// Fewest static poses that a bound is judged by.
-const LEAST_STANDSTILLS: usize = 6;
+const LEAST_STATIC_POSES: usize = 6;
 
 /// The output over one static pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub struct Magnitude {
     pub force: [f64; AXES],
     /// Its magnitude less local gravity \[g0\], with the 95 % interval that the noise of the mean allows.
     pub error: Estimate,
-    /// Whether telemetry was outside the table's range in a row.
+    /// Whether temperature was outside the table's range in a row.
     pub out_of_range: bool,
 }
 
@@ -45,8 +45,8 @@ pub struct TableCoverage {
     pub driven: [[f64; 2]; AXES],
     /// Names of the channels that no static pose drives, as `K+ of A2`.
     pub undriven: Vec<String>,
-    /// Part of the range of head telemetry that the static poses touch, for the bias of which that is least.
-    pub telemetry: f64,
+    /// Part of the range of head temperature that the static poses touch, for the bias of which that is least.
+    pub temperature: f64,
     /// The largest hole between them, in words, if it is over a tenth of a bias's range.
     pub hole: Option<String>,
 }
@@ -62,7 +62,7 @@ pub struct Magnitudes {
     pub turned: usize,
     /// Static poses without a valid output in a row; they are left out.
     pub invalid: usize,
-    /// Samples of another unit than the table's, which were accepted.
+    /// Samples of another device than the table's, which were accepted.
     pub other_device: usize,
     /// What of the table the static poses show.
     pub shown: TableCoverage,
@@ -84,14 +84,14 @@ pub enum MagnitudesError {
     /// There is no usable static pose.
     #[error(transparent)]
     StaticPose(#[from] StaticPoseError),
-    /// Samples are of another unit than the table's.
-    #[error("{0} samples are of another unit than the table's; take its own table, or accept them: --other-device")]
+    /// Samples are of another device than the table's.
+    #[error("{0} samples are of another device than the table's; take its own table, or accept them: --other-device")]
     OtherDevice(usize),
     /// Nothing to compare with.
     #[error("local gravity is unknown, so there is nothing to compare the lengths with; state --gravity-local")]
     Gravity,
     /// No static pose has a valid output.
-    #[error("no standstill has a valid output; is the telemetry within the table's range?")]
+    #[error("no static pose has a valid output; is the temperature within the table's range?")]
     Invalid,
 }
 
@@ -142,23 +142,28 @@ impl TableCoverage {
         Self {
             driven: [0, 1, 2].map(share),
             undriven: undriven(&forces).iter().map(ToString::to_string).collect(),
-            telemetry: occupancy.iter().map(|(_, occupancy)| occupancy.part()).fold(1.0, f64::min),
+            temperature: occupancy.iter().map(|(_, occupancy)| occupancy.part()).fold(1.0, f64::min),
             hole: largest
                 .and_then(|(name, occupancy)| hole(occupancy, MOST_UNTOUCHED, &format!("bias of {name}"), unit)),
         }
     }
 }
 
-/// In a line: the share of each channel, and that of the telemetry.
+/// In a line: the share of each channel, and that of the temperature.
 impl fmt::Display for TableCoverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let channels = self.driven.iter().zip(AXIS_NAMES).flat_map(|([plus, minus], axis)| {
             [("+", plus), ("-", minus)].map(|(sign, share)| format!("K{sign} of {axis} {:.0} %", 100.0 * share))
         });
         let channels: Vec<_> = channels.collect();
-        write!(f, "driven: {}; telemetry {:.0} % of the table's range", channels.join(", "), 100.0 * self.telemetry)?;
+        write!(
+            f,
+            "driven: {}; temperature {:.0} % of the table's range",
+            channels.join(", "),
+            100.0 * self.temperature
+        )?;
         let undriven = Some(self.undriven.join(", ")).filter(|channels| !channels.is_empty());
-        let hole = self.hole.iter().map(|hole| format!("; no standstill is in {hole}"));
+        let hole = self.hole.iter().map(|hole| format!("; no static pose is in {hole}"));
         let rest = undriven.into_iter().map(|channels| format!("; not shown: {channels}")).chain(hole);
         f.write_str(&rest.collect::<String>())
     }
@@ -167,10 +172,10 @@ impl fmt::Display for TableCoverage {
 impl Magnitudes {
     /// Compares the magnitudes over the static poses of `rows`, with windows of `window_s` seconds for the
     /// search; see [`find_static_poses`].
-    /// `other_device` says whether samples of another unit than the table's are judged.
+    /// `other_device` says whether samples of another device than the table's are judged.
     ///
     /// # Errors
-    /// If there are no static poses, if local gravity is unknown, or if samples are of another unit.
+    /// If there are no static poses, if local gravity is unknown, or if samples are of another device.
     pub fn of(
         table: &CoefficientTable,
         rows: &[RawSample],
@@ -185,7 +190,7 @@ impl Magnitudes {
         }
         let gravity = gravity_source.value().ok_or(MagnitudesError::Gravity)? / table.content().gravity;
         let found = find_static_poses(rows, window_s)?.without_turned()?;
-        let (begins_ns, steps) = (begins_ns(rows), telemetry_steps(rows));
+        let (begins_ns, steps) = (begins_ns(rows), temperature_steps(rows));
         let reading = |(index, pose): (usize, &StaticPose)| {
             let start_s = begins_ns[pose.rows.start] as f64 / 1e9;
             Reading::of([index + 1, 0], rows, pose.rows.clone(), start_s, &found, &steps, false)
@@ -246,17 +251,17 @@ impl Magnitudes {
             let error = self.largest().error.times(1.0 / self.gravity);
             let limit = format!("at most {:.3} ppm is required", most * 1e6);
             let value = format!("the length {:.3} +- {:.3} ppm", error.value * 1e6, error.interval * 1e6);
-            let few = self.poses.len() < LEAST_STANDSTILLS;
+            let few = self.poses.len() < LEAST_STATIC_POSES;
             let outside = self.poses.iter().any(|magnitude| magnitude.out_of_range);
-            let unshown = format!("not shown, no standstill drives {}", self.shown.undriven.join(", "));
+            let unshown = format!("not shown, no static pose drives {}", self.shown.undriven.join(", "));
             // Static poses are at a few temperatures, however carefully the IMU is put down.
             let hole = self.shown.hole.as_ref().map(|hole| format!("; not shown over {hole}")).unwrap_or_default();
-            let met = format!("met at the temperatures of the standstills{hole}");
+            let met = format!("met at the temperatures of the static_poses{hole}");
             let (word, remedy) = match (error.most() <= most, error.value.abs() <= most) {
                 _ if self.made_the_table => ("not judged, see below", None),
-                _ if few => ("not judged, under 6 standstills", Some("put the IMU down in more attitudes")),
+                _ if few => ("not judged, under 6 static poses", Some("put the IMU down in more attitudes")),
                 _ if outside => {
-                    ("not judged, telemetry was outside the table's range", Some("record within the table's range"))
+                    ("not judged, temperature was outside the table's range", Some("record within the table's range"))
                 }
                 (true, _) if !self.shown.undriven.is_empty() => {
                     (unshown.as_str(), Some("put the IMU down with each axis up and down"))
@@ -279,7 +284,7 @@ impl Magnitudes {
             found.push(Judgement {
                 bound,
                 met: false,
-                message: format!("{bound}: not judged, standstills in unknown attitudes show the length alone"),
+                message: format!("{bound}: not judged, static poses in unknown attitudes show the length alone"),
                 remedy: Some("record at one attitude, and state it"),
             });
         }
@@ -296,7 +301,7 @@ impl Magnitudes {
     }
 }
 
-/// Whether telemetry of a static pose is outside the table's ranges.
+/// Whether temperature of a static pose is outside the table's ranges.
 fn is_out_of_range(table: &CoefficientTable, reading: &Reading) -> bool {
     let beyond = |polynomial: &Polynomial, [low, high]: [f64; 2]| {
         let [from, to] = polynomial.range();

@@ -21,14 +21,14 @@ pub(crate) const MOST_UNTOUCHED: f64 = 0.1;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Occupancy {
-    /// Lowest and highest telemetry of the curve.
+    /// Lowest and highest temperature of the curve.
     pub range: [f64; 2],
     /// A bit for each bin.
     bits: u64,
 }
 
 impl Occupancy {
-    /// Of a curve with this range, and rows whose telemetry covers these spans, lowest and highest.
+    /// Of a curve with this range, and rows whose temperature covers these spans, lowest and highest.
     #[must_use]
     pub fn of(range: [f64; 2], spans: impl IntoIterator<Item = [f64; 2]>) -> Self {
         let mut found = Self { range, bits: 0 };
@@ -40,11 +40,11 @@ impl Occupancy {
         found
     }
 
-    /// Adds the telemetry of a row; outside the range, or not a number, it touches nothing.
-    pub(crate) fn touch(&mut self, telemetry: f64) {
+    /// Adds the temperature of a row; outside the range, or not a number, it touches nothing.
+    pub(crate) fn touch(&mut self, temperature: f64) {
         let [low, high] = self.range;
-        if (low..=high).contains(&telemetry) {
-            self.bits |= 1 << self.bin(telemetry);
+        if (low..=high).contains(&temperature) {
+            self.bits |= 1 << self.bin(temperature);
         }
     }
 
@@ -54,9 +54,9 @@ impl Occupancy {
         Self { bits: self.bits | other.bits, ..self }
     }
 
-    fn bin(&self, telemetry: f64) -> usize {
+    fn bin(&self, temperature: f64) -> usize {
         let [low, high] = self.range;
-        (((telemetry - low) / (high - low) * BINS as f64) as usize).min(BINS - 1)
+        (((temperature - low) / (high - low) * BINS as f64) as usize).min(BINS - 1)
     }
 
     /// Which bins are touched, or lie between two that are.
@@ -90,7 +90,7 @@ impl Occupancy {
         self.hole().map_or(0.0, |[begin, end]| (end - begin) as f64 / BINS as f64)
     }
 
-    /// The telemetry at the ends of the largest hole.
+    /// The temperature at the ends of the largest hole.
     #[must_use]
     pub fn largest_hole(&self) -> Option<[f64; 2]> {
         let [low, high] = self.range;

@@ -17,15 +17,15 @@ pub struct Window {
     pub before: [f64; AXES],
     /// Output of the full model; NaN where the table rejects.
     pub after: [f64; AXES],
-    /// Mean telemetry of the heads.
+    /// Mean temperature of the heads.
     pub head: [f64; AXES],
-    /// Mean telemetry of the boards.
+    /// Mean temperature of the boards.
     pub board: [f64; AXES],
-    /// Lowest and highest telemetry of a row: head and board, by axis.
-    pub telemetry: [[[f64; 2]; 2]; AXES],
+    /// Lowest and highest temperature of a row: head and board, by axis.
+    pub temperature: [[[f64; 2]; 2]; AXES],
     /// What of the table's ranges the rows touch: that of the bias, and that of K+ and K-, by axis.
     pub occupancy: [[Occupancy; 2]; AXES],
-    /// Whether a sample had any flag of the triad other than stale telemetry and another unit.
+    /// Whether a sample had any flag of the triad other than stale temperature and another unit.
     pub flagged: bool,
     /// Whether the window counts for the stability: it is at the attitude.
     pub counts: bool,

@@ -9,7 +9,7 @@ mod tumble;
 mod turntable;
 mod warm_up;
 
-pub(crate) use former::replacement;
+pub(crate) use former::{renamed_options, replacement};
 
 use clap::{Args, Subcommand};
 use isotherm_support::failure::Failure;

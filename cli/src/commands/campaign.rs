@@ -93,9 +93,9 @@ struct RunCampaign {
     /// Give the table no alignment matrix
     #[arg(long, requires = "calibrate")]
     no_alignment: bool,
-    /// Set the lag behind the telemetry [s]
+    /// Set the lag behind the temperature [s]
     ///
-    /// Time constant of the lag behind the telemetry [s], for example that of a sister unit; or none, for a table
+    /// Time constant of the lag behind the temperature [s], for example that of a sister unit; or none, for a table
     /// without transients [default: found in the ramps]
     #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
@@ -109,9 +109,9 @@ struct RunCampaign {
     /// Take every warning of the fit that is not accepted for a fault.
     #[arg(long, requires = "calibrate")]
     strict: bool,
-    /// Take samples of another unit, too
+    /// Take samples of another device, too
     ///
-    /// Take the samples of another unit than the plan's serial number says.
+    /// Take the samples of another device than the plan's serial number says.
     #[arg(long)]
     other_device: bool,
     /// Set the speed of a simulated laboratory

@@ -25,14 +25,14 @@ pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
     Options::new(domain, timeout)
 }
 
-/// How the lagged telemetry of a recording that has none is computed.
+/// How the lagged temperature of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct LagSetting {
     /// Set the lag of recordings without one [s]
     ///
-    /// Time constant of the lagged telemetry, for a recording that has none [s]; or none.
+    /// Time constant of the lagged temperature, for a recording that has none [s]; or none.
     ///
-    /// That of the table unless given; feed asks the service. Lagged telemetry in the recording is used as it is
+    /// That of the table unless given; feed asks the service. Lagged temperature in the recording is used as it is
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
     pub ns: Option<u64>,
 }
@@ -92,9 +92,9 @@ pub(super) struct ForeignArgs {
     /// What the columns of a text are (TOML)
     #[arg(long, value_name = "M.toml")]
     pub mapping: Option<PathBuf>,
-    /// Set the telemetry of all rows
+    /// Set the temperature of all rows
     ///
-    /// Telemetry of all rows, in the unit of the table, for data that have none.
+    /// Temperature of all rows, in the unit of the table, for data that have none.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     pub temperature: Option<f64>,
     /// Set the nominal interval [s]
@@ -208,7 +208,7 @@ impl OfData {
 
     /// With what was found if the data are of another IMU than the table.
     pub(super) fn with_unit(mut self, origin: &Origin, recording: &Recording) -> Self {
-        self.findings.extend(origin.other_unit(recording.log_imu(), recording.device()));
+        self.findings.extend(origin.other_device(recording.log_imu(), recording.device()));
         self
     }
 

@@ -40,7 +40,7 @@ pub(crate) struct Compare {
     ///
     /// Compare tables of different IMUs too; they are refused otherwise.
     #[arg(long)]
-    other_unit: bool,
+    other_device: bool,
     /// Where the report goes (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
@@ -67,7 +67,7 @@ impl Compare {
             table.map_err(|faults| Failure::from(LoadError::Refused { path: path.clone(), faults }))
         };
         let tables: Vec<_> = self.tables.iter().map(load).collect::<Result<_, Failure>>()?;
-        let comparison = compare(tables, self.other_unit).map_err(Failure::from)?;
+        let comparison = compare(tables, self.other_device).map_err(Failure::from)?;
         self.acceptance.admit("", comparison.findings.clone())?;
         if let Some(path) = &self.report {
             let source = ComparisonSource { tool: tool(), time: now(), required: require };

@@ -66,9 +66,9 @@ pub(crate) struct Convert {
     /// With it the readings come back in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
     #[arg(long, value_name = "TABLE.toml")]
     nominal: Option<PathBuf>,
-    /// Name the telemetry's unit in that table
+    /// Name the temperature's unit in that table
     ///
-    /// Unit of the telemetry in that table; a label [default: degC]
+    /// Unit of the temperature in that table; a label [default: degC]
     #[arg(long, value_name = "UNIT", requires = "nominal")]
     temperature_unit: Option<String>,
     /// Name the IMU

@@ -49,11 +49,11 @@ pub(crate) struct Feed {
     /// If it has several IMUs, only the samples of this one are sent
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
-    /// Set the serial number of the unit
+    /// Set the serial number of the device
     ///
-    /// Serial number of the unit whose samples these are [default: the recording's column device]
+    /// Serial number of the device whose samples these are [default: the recording's column device]
     ///
-    /// The service flags samples of another unit than the table's
+    /// The service flags samples of another device than the table's
     #[arg(long, value_name = "S/N", value_parser = serial)]
     serial: Option<String>,
     #[command(flatten)]
@@ -99,7 +99,7 @@ impl Feed {
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
         let partial = sink.partial();
-        // The recording's lagged telemetry is sent, so the library keeps none.
+        // The recording's lagged temperature is sent, so the library keeps none.
         let options = |timeout| Options { lag: LagOption::None, ..options(domain.clone(), timeout) };
         let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
         let served = ServedTable::ask(&self.imu, &options(self.timeout))?;
@@ -236,7 +236,7 @@ struct Feeder {
     /// Whether the output has columns for angle increments.
     gyroscopes: bool,
     interrupted: Arc<AtomicBool>,
-    /// The table of the last increment whose lagged telemetry had another time constant than the table's.
+    /// The table of the last increment whose lagged temperature had another time constant than the table's.
     lag_unknown: Option<u64>,
     /// Whether angle increments have been left out, since the output has no columns for them.
     lost_angles: bool,
@@ -246,7 +246,7 @@ struct Feeder {
 struct ServedTable {
     /// The table's id; 0 without a table.
     table: u64,
-    /// Time constant of the lagged telemetry \[ns\]; 0 without one.
+    /// Time constant of the lagged temperature \[ns\]; 0 without one.
     lag_ns: u64,
     gyroscopes: bool,
 }
@@ -356,7 +356,7 @@ impl Feeder {
 /// A serial number. An empty one would turn the comparison with the table's unit off.
 fn serial(text: &str) -> Result<String, String> {
     if device(text) == 0 {
-        Err("give the unit's serial number, or leave --serial out".to_owned())
+        Err("give the device's serial number, or leave --serial out".to_owned())
     } else {
         Ok(text.to_owned())
     }

@@ -50,7 +50,7 @@ pub(crate) struct Record {
     /// Table of an IMU, for --format ros, which names it; may be given several times.
     ///
     /// Without it the messages only name the first 16 digits of the table's digest, and there is no
-    /// sensor_msgs/msg/Temperature, for which the unit of the telemetry must be known to be degC.
+    /// sensor_msgs/msg/Temperature, for which the unit of the temperature must be known to be degC.
     #[arg(long = "table", value_name = "TABLE")]
     tables: Vec<PathBuf>,
     /// Record only this stream
@@ -113,7 +113,7 @@ impl Record {
         }
         if format == Format::Ros && self.stream.is_some() {
             return usage(
-                "--format ros takes the increments, and the telemetry of the raw samples; leave out --stream"
+                "--format ros takes the increments, and the temperature of the raw samples; leave out --stream"
                     .to_owned(),
             );
         }

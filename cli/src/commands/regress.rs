@@ -47,7 +47,7 @@ pub(crate) struct Regress {
     imu: Option<ImuId>,
     /// Take this column as the variable
     ///
-    /// Column of the variable, for example the telemetry. Each further --x enters linearly.
+    /// Column of the variable, for example the temperature. Each further --x enters linearly.
     #[arg(long, value_name = "COLUMN", required = true)]
     x: Vec<String>,
     /// Column of the quantity

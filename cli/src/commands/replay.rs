@@ -120,7 +120,7 @@ impl Replay {
         check_written(path, writer.finish().and_then(Output::finish))?;
         if tells_no_temperature {
             let unit = &table.content().temperature_unit;
-            info!("no sensor_msgs/msg/Temperature: the telemetry is in {unit}, not in degC");
+            info!("no sensor_msgs/msg/Temperature: the temperature is in {unit}, not in degC");
         }
         let losses = Some(continuity.losses()).filter(|losses| !losses.is_none() || losses.session_changes > 0);
         let losses = losses.map(|losses| format!("; {losses}")).unwrap_or_default();

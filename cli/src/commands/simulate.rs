@@ -61,7 +61,7 @@ enum Simulation {
 /// you like.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --telemetry-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
+    after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --temperature-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
 )]
 struct SimulateCampaign {
     #[command(flatten)]
@@ -106,11 +106,11 @@ struct SimulateCampaign {
     /// one more for each rate [degC/h]
     #[arg(long, value_name = "R1,R2", num_args = 0..=1, default_missing_value = RATES, value_parser = rates)]
     ramps: Option<Rates>,
-    /// Read the telemetry so often [s]
+    /// Read the temperature so often [s]
     ///
-    /// Time between two telemetry readings [s]; 0 for a reading in every row.
+    /// Time between two temperature readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
-    telemetry_every: f64,
+    temperature_every: f64,
 }
 
 /// Simulate a temperature run at rest
@@ -118,7 +118,7 @@ struct SimulateCampaign {
 /// A temperature run at rest, ramped from cold to hot, or both ways: run.csv, truth.toml.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --telemetry-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes\n  isotherm simulate run -o moving --lag 240 --transient 35,-20,12 --both-ways"
+    after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --temperature-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes\n  isotherm simulate run -o moving --lag 240 --transient 35,-20,12 --both-ways"
 )]
 struct SimulateRun {
     #[command(flatten)]
@@ -147,11 +147,11 @@ struct SimulateRun {
     /// Hold before the ramp, and again after each [s]
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
-    /// Read the telemetry so often [s]
+    /// Read the temperature so often [s]
     ///
-    /// Time between two telemetry readings [s]; 0 for a reading in every row.
+    /// Time between two temperature readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
-    telemetry_every: f64,
+    temperature_every: f64,
 }
 
 impl Simulate {
@@ -181,7 +181,7 @@ impl SimulateCampaign {
         if self.turn_angle.is_some() && !gyroscopes {
             return Err(usage("--turn-angle: without gyroscopes there are no turns; give --gyroscopes too"));
         }
-        let (chain, mut noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let (chain, mut noise) = self.imu.chain_and_noise(&truth, self.temperature_every)?;
         noise.positioning_rad = arcsec(self.positioning);
         let schedule = CampaignSchedule {
             set_points_c: self.set_points.0,
@@ -233,7 +233,7 @@ impl SimulateCampaign {
 impl SimulateRun {
     fn run(self) -> Result<(), Failure> {
         let truth = self.imu.truth()?;
-        let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let (chain, noise) = self.imu.chain_and_noise(&truth, self.temperature_every)?;
         let [from_c, to_c] = self.temperatures;
         let run = RunSchedule {
             legs: if self.both_ways { 2 } else { 1 },

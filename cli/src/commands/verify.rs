@@ -30,7 +30,7 @@ use tracing::{info, warn};
 
 /// Length of the windows, if none is given \[s\].
 const WINDOW_S: f64 = 10.0;
-/// Most rows that are searched for standstills; each takes 256 bytes.
+/// Most rows that are searched for static poses; each takes 256 bytes.
 const MOST_ROWS: usize = 4_000_000;
 
 /// Verify a table with a recording at rest
@@ -47,7 +47,7 @@ const MOST_ROWS: usize = 4_000_000;
 /// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
 /// table's transients and without.
 ///
-/// Of a tumble, with a table of calibrate tumble, or with --standstills: the standstills are found, and the length of
+/// Of a tumble, with a table of calibrate tumble, or with --static-poses: the static poses are found, and the length of
 /// the output over each is compared with local gravity. Of the bounds only scale is judged then.
 ///
 /// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
@@ -73,16 +73,16 @@ pub(crate) struct Verify {
     recording: Vec<PathBuf>,
     /// Take means over windows this long [s]
     ///
-    /// Length of the windows that means are taken over [s]; of standstills, that of the windows they are searched with
-    /// [default: 10, and 0.5 for standstills]
+    /// Length of the windows that means are taken over [s]; of static poses, that of the windows they are searched with
+    /// [default: 10, and 0.5 for static poses]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
     /// Compare static poses with gravity
     ///
-    /// Compare the lengths over the standstills of an IMU that was put down by hand in many attitudes, also with a
+    /// Compare the lengths over the static poses of a tumble, also with a
     /// table of a turntable.
     #[arg(long, conflicts_with_all = ["attitude", "angles"])]
-    standstills: bool,
+    static_poses: bool,
     /// Fail unless every bound is shown met
     ///
     /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare
@@ -125,9 +125,9 @@ pub(crate) struct Verify {
     part: PartArgs,
     #[command(flatten)]
     lag: LagSetting,
-    /// Judge samples of another unit, too
+    /// Judge samples of another device, too
     ///
-    /// Judge samples of another unit than the table's too; they are refused otherwise.
+    /// Judge samples of another device than the table's too; they are refused otherwise.
     #[arg(long)]
     other_device: bool,
     /// Judge a recording of another IMU, too
@@ -151,7 +151,7 @@ impl Verify {
         or_document(self.json, self.show())
     }
 
-    /// The lengths over the standstills, if they are asked for, or if the table was measured that way and the recording
+    /// The lengths over the static poses, if they are asked for, or if the table was measured that way and the recording
     /// has several attitudes. `whole` says whether `rows` are all rows.
     fn lengths(
         &self,
@@ -160,13 +160,13 @@ impl Verify {
         whole: bool,
         recording: &str,
     ) -> Result<Option<Magnitudes>, Failure> {
-        if self.standstills && !whole {
-            let message = format!("{recording}: over {MOST_ROWS} rows; give the part with the standstills");
+        if self.static_poses && !whole {
+            let message = format!("{recording}: over {MOST_ROWS} rows; give the part with the static poses");
             return Err(Failure::new(Exit::Data, message));
         }
         if !whole {
             if rows.len() >= MOST_ROWS {
-                let note = "no standstills are searched; of an IMU that was put down by hand, give the part with the standstills";
+                let note = "no static poses are searched; of a tumble, give the part with the static poses";
                 warn!("warning: {recording}: over {MOST_ROWS} rows: {note}");
             }
             return Ok(None);
@@ -175,11 +175,11 @@ impl Verify {
         let gravity = LocalGravity::of(self.gravity_local, table);
         let lengths = Magnitudes::of(table, rows, window_s, gravity, self.other_device);
         match lengths {
-            Ok(lengths) => Ok(Some(lengths).filter(|lengths| self.standstills || lengths.several_attitudes())),
+            Ok(lengths) => Ok(Some(lengths).filter(|lengths| self.static_poses || lengths.several_attitudes())),
             Err(error @ MagnitudesError::OtherDevice(_)) => {
                 Err(Failure::new(Exit::Data, format!("{recording}: {error}")))
             }
-            Err(error) if self.standstills => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
+            Err(error) if self.static_poses => Err(Failure::new(Exit::Data, format!("{recording}: {error}"))),
             Err(_) => Ok(None),
         }
     }
@@ -253,7 +253,7 @@ impl Verify {
         let mut run = VerificationRun::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();
         let mut rows = Vec::new();
-        let mut keep = self.standstills || by_hand;
+        let mut keep = self.static_poses || by_hand;
         let mut first = true;
         while let Some(sample) = run.next() {
             let sample = sample?;

@@ -76,7 +76,7 @@ fn about_lines(model: &Model, imu: &ImuStatus, width: u16) -> Vec<Line<'static>>
     lines
 }
 
-/// Lines that say why the table file as it is now is not in force, and that the samples are of another unit, or have
+/// Lines that say why the table file as it is now is not in force, and that the samples are of another device, or have
 /// another lag, than the table.
 fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
     let refused = imu.last_reload_error.as_ref().filter(|_| !imu.waits_for_table).map(|error| {

@@ -43,18 +43,18 @@ pub(crate) const STATES: &[(&str, &str)] = &[
     ("first table", "To be looked into: it waits for its first table, and increments are NaN: install the file."),
     ("no table", "Bad: the service has no table for it yet, and increments are NaN: install the file."),
     ("file REFUSED", "Bad: the table's file is not in force: `last_reload_error` of the status says why."),
-    ("other unit", "Bad: the samples are of another unit than the table: `isotherm explain other-device`."),
+    ("other unit", "Bad: the samples are of another device than the table: `isotherm explain other-device`."),
     ("no acquisition", "To be looked into: no acquisition is connected."),
     ("no samples", "To be looked into: an acquisition is connected, and none of its samples come."),
     ("losing samples", "Bad: samples are missing: `isotherm explain gap`."),
     ("wrong interval", "Bad: scale factors of another interval: `isotherm explain interval-not-nominal`."),
     ("time steps", "Bad: timestamps do not fit the intervals: `isotherm explain time-step`."),
     ("new session", "Bad: another session of the acquisition follows: `isotherm explain session`."),
-    ("out of range", "Bad: telemetry is outside of the calibrated range, not finite, or has not come."),
+    ("out of range", "Bad: temperature is outside of the calibrated range, not finite, or has not come."),
     ("lag unknown", "To be looked into: transient terms are left out: `isotherm explain lag-unknown`."),
     ("flagged", "To be looked into: increments carry flags, which the lower part of the screen names."),
     ("late", "To be looked into: increments take longer than the latency budget; they are right."),
-    ("near range end", "To be looked into: telemetry is within 5 % of an end of the calibrated range."),
+    ("near range end", "To be looked into: temperature is within 5 % of an end of the calibrated range."),
     ("ok", "Samples are answered, and none carries a flag."),
 ];
 
@@ -215,14 +215,14 @@ impl Model {
 /// A temperature, and the range that its polynomials were calibrated over.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RangeTemperature {
-    /// The telemetry; `None` if it is not finite or has not come.
+    /// The temperature; `None` if it is not finite or has not come.
     pub value: Option<f64>,
     /// The ends of the range; `None` without a table.
     pub range: Option<[f64; 2]>,
 }
 
 impl RangeTemperature {
-    /// Head and board telemetry of a triad's sensor. An IMU without gyroscopes has none for them.
+    /// Head and board temperature of a triad's sensor. An IMU without gyroscopes has none for them.
     pub(super) fn of(imu: &ImuStatus, kind: SensorKind, axis: usize) -> [Self; 2] {
         let (ranges, head, board) = match (kind, &imu.gyroscopes) {
             (SensorKind::Accelerometer, _) => (imu.ranges.as_ref(), imu.head_temperature, imu.board_temperature),

@@ -21,7 +21,7 @@ up down j k    select an IMU; Tab, PgUp, PgDn, Home, End
 p space        pause: the screen is frozen
 ? h            this help
 
-T [%]     telemetry within the calibrated range, coldest to warmest sensor; 0 and 100 are its ends
+T [%]     temperature within the calibrated range, coldest to warmest sensor; 0 and 100 are its ends
 miss      raw samples that never came
 flag/s    flags on the increments per second
 latency   from sending a sample to just before publishing its increment

@@ -1,6 +1,6 @@
 //! `calibrate` of several IMUs of one campaign file, as a user types it.
 
-use crate::common::{assert_page, assert_self_contained, folder, other_unit, run};
+use crate::common::{assert_page, assert_self_contained, folder, other_device, run};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -78,7 +78,7 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
     assert!(err.contains("\nisotherm: imu-c is dropped: fault [interval]: "), "{err}");
     assert!(err.ends_with("\nisotherm: campaign.toml: 1 of 3 IMUs dropped, the reasons are above: imu-c\n"), "{err}");
     assert!(
-        err.contains("batch of 2 units\n") && err.contains("2 units are too few to say whether one stands out"),
+        err.contains("batch of 2 devices\n") && err.contains("2 devices are too few to say whether one stands out"),
         "{err}"
     );
     assert!(!at("tables/imu-c.toml").exists() && !at("reports/imu-c.html").exists());
@@ -113,7 +113,7 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
     let document: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
     assert_eq!(document["imus"][1]["calibration"]["imu"], "imu-b");
     assert_eq!(document["imus"][2]["dropped"]["exit_code"], 65);
-    assert_eq!(document["batch"]["units"], serde_json::json!(["imu-a", "imu-b"]));
+    assert_eq!(document["batch"]["devices"], serde_json::json!(["imu-a", "imu-b"]));
     // A file that is missing drops its IMU too; of what is left there are no statistics.
     fs::remove_file(at("imu-a.csv")).unwrap();
     let (_, err) = run(folder.path(), 1, &batch);
@@ -129,7 +129,7 @@ fn an_output_that_fails_ends_the_command() {
     fs::write(at("campaign.toml"), &text).unwrap();
     let samples = fs::read_to_string(format!("{EXAMPLES}/campaign/samples.csv")).unwrap();
     for (more, imu) in ["imu-a", "imu-b", "imu-c"].into_iter().enumerate() {
-        fs::write(at(&format!("{imu}.csv")), other_unit(&samples, more as u32)).unwrap();
+        fs::write(at(&format!("{imu}.csv")), other_device(&samples, more as u32)).unwrap();
     }
     // No folder: no IMU can have its table.
     let (_, err) = run(folder.path(), 74, &["calibrate", "turntable", "campaign.toml", "-o", "none/{imu}.toml"]);
@@ -207,7 +207,7 @@ fn five_real_units_without_a_turntable() {
         let all = document["batch"]["quantities"].as_array().unwrap();
         all.iter().find(|quantity| quantity["name"].as_str().unwrap().starts_with(name)).unwrap()
     };
-    // The published values of the same units, in 1e-3 g0.
+    // The published values of the same devices, in 1e-3 g0.
     let published = fs::read_to_string(format!("{DATA}/any_lab/five_mpu9150/batch.csv")).unwrap();
     let biases =
         published.lines().filter(|line| line.contains(",A3 bias mg,")).map(|line| line.rsplit(',').next().unwrap());
@@ -219,7 +219,7 @@ fn five_real_units_without_a_turntable() {
     // residual.
     assert_eq!(document["batch"]["quantities"].as_array().unwrap().len(), 10, "{out}");
     assert_eq!(document["batch"]["stand_outs"], serde_json::json!([]));
-    assert!(fs::read_to_string(at("batch.html")).unwrap().contains("No unit stands out"));
+    assert!(fs::read_to_string(at("batch.html")).unwrap().contains("No device stands out"));
     // The other options of a calibration without a turntable.
     let more = ["--scale-factor", "single", "--window", "2", "--no-misalignment"];
     let command = [&["calibrate", "tumble", "campaign.toml", "-o", "{imu}.toml"], &range[..], &more[..]].concat();

@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: one command's output is the next one's input.
 
-use crate::common::{assert_self_contained, folder, other_unit, run};
+use crate::common::{assert_self_contained, folder, other_device, run};
 use serde_json::Value;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::Command;
@@ -19,7 +19,7 @@ fn dead(header: &str, line: &str) -> String {
     fields.map(|(name, value)| if zero(name) { "0" } else { value }).collect::<Vec<_>>().join(",") + "\n"
 }
 
-/// A row whose telemetry is not a number, but for the first 40 windows of 10 rows.
+/// A row whose temperature is not a number, but for the first 40 windows of 10 rows.
 fn part(header: &str, row: usize, line: &str) -> String {
     let fields = header.split(',').zip(line.split(','));
     let lost = |name: &str| name == "a2_head" && row >= 400;
@@ -339,7 +339,7 @@ fn the_json_of_a_comparison_has_units() {
     assert_eq!(found["curves"][1]["verdict"], Value::Null);
     let upper = found["curves"][0]["upper_in_unit"].as_f64().unwrap();
     assert!((upper - 4.77151).abs() < 1e-5, "{upper}");
-    assert_eq!(found["curves"][0]["telemetry"]["points_in_unit"].as_array().unwrap().len(), 41);
+    assert_eq!(found["curves"][0]["temperature"]["points_in_unit"].as_array().unwrap().len(), 41);
     let found = document(0, &[&newest, &new, &old]);
     assert_eq!((&found["old"], &found["verdict"]), (&old.as_str().into(), &Value::Null));
     assert_eq!(found["trends"].as_array().unwrap().len(), 9);
@@ -365,7 +365,7 @@ fn the_json_of_a_batch_has_units() {
     assert!(err.starts_with("isotherm: fault [same-recording]: imu-a and imu-b have the same recording; "), "{err}");
     assert_eq!(serde_json::from_str::<Value>(&out).unwrap()["findings"][0]["name"], "same-recording");
     assert!(!at("imu-a.toml").exists() && !at("imu-b.toml").exists());
-    fs::write(at("imu-b.csv"), other_unit(&samples, 1)).unwrap();
+    fs::write(at("imu-b.csv"), other_device(&samples, 1)).unwrap();
     let (out, err) = run(folder.path(), 1, &command);
     let document: Value = serde_json::from_str(&out).unwrap_or_else(|error| panic!("{error}: {out}{err}"));
     assert_units("", &document);
@@ -522,7 +522,7 @@ fn regress_writes_what_scripts_rely_on() {
     assert!(err.contains("bad.csv:3: y is \"one\", give a finite number, 0 or of size"), "{err}");
 }
 
-/// Telemetry, the same behind a lag, a column whose name has a minus sign, and a quantity that depends on all, with
+/// Temperature, the same behind a lag, a column whose name has a minus sign, and a quantity that depends on all, with
 /// these separators.
 fn ramp(separator: &str, decimal: &str, rows: i32) -> String {
     let header = ["u", "u_lagged", "board-2", "y"].join(separator);

@@ -19,7 +19,7 @@ pub(crate) fn run(folder: &Path, code: i32, arguments: &[&str]) -> (String, Stri
 }
 
 /// The samples of another unit of a kind: in each row, A3 has `more` pulses more, where it has any.
-pub(crate) fn other_unit(samples: &str, more: u32) -> String {
+pub(crate) fn other_device(samples: &str, more: u32) -> String {
     let mut lines = samples.lines();
     let header = lines.next().unwrap();
     let columns = header.split(',').enumerate().filter(|(_, name)| ["a3_positive", "a3_negative"].contains(name));

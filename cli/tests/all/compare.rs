@@ -37,9 +37,9 @@ fn years_of_tables() {
         ("copy.toml", "the same table: 2023.toml and copy.toml\n"),
         ("renamed.toml", "the same table under another name: 2023.toml of imu-a, renamed.toml of imu-z\n"),
     ] {
-        let (out, err) = compare(0, &["2023.toml", other, "--other-unit"]);
+        let (out, err) = compare(0, &["2023.toml", other, "--other-device"]);
         assert!(out.starts_with(words) && err == format!("isotherm: warning [same-table]: {words}"), "{out}{err}");
-        compare(65, &["2023.toml", other, "--other-unit", "--strict"]);
+        compare(65, &["2023.toml", other, "--other-device", "--strict"]);
     }
     let (out, _) = compare(0, &["2023.toml", "2024.toml"]);
     assert!(
@@ -73,14 +73,14 @@ fn years_of_tables() {
         "{out}{err}"
     );
     for (name, reason) in [
-        ("celsius.toml", "telemetry in V and degC; give tables with one telemetry"),
-        ("other_imu.toml", "tables of two IMUs: imu-a, imu-b; give those of one, or --other-unit"),
+        ("celsius.toml", "temperature in V and degC; give tables with one temperature"),
+        ("other_imu.toml", "tables of two IMUs: imu-a, imu-b; give those of one, or --other-device"),
         ("far.toml", "A1 bias: no common range, [1.1, 3.9] and [4.0, 4.2]"),
     ] {
         let (_, err) = compare(78, &["2023.toml", name]);
         assert!(err.starts_with(&format!("isotherm: comparing tables: {reason}")), "{err}");
     }
-    compare(0, &["2023.toml", "other_imu.toml", "--other-unit"]);
+    compare(0, &["2023.toml", "other_imu.toml", "--other-device"]);
     for (text, reason) in
         [("bias=2", "give a number with a unit"), ("10", "is no bound"), ("bias=2ug0,bias=2ug0", "given twice")]
     {

@@ -126,7 +126,7 @@ fn a_table_without_a_turntable_is_made_of_texts_and_knows_them() {
         assert!(of_texts.contains(&sha256(&fs::read(folder.join(name)).unwrap())), "{name}");
     }
     let (out, err) = run(folder, 0, &[&["verify", "--table", "b.toml"], &data[..]].concat());
-    assert!(out.starts_with("this recording made the table: no evidence\n48 standstills"), "{out}");
+    assert!(out.starts_with("this recording made the table: no evidence\n48 static poses"), "{out}");
     assert!(err.contains("own-recording"), "{err}");
     // A campaign file without a turntable names texts, too.
     let campaign = "format = 1\nmethod = \"gravity-only\"\nimu = \"imu-a\"\nsamples = [\"cold.csv\", \"warm.csv\"]\n\

@@ -312,7 +312,7 @@ fn what_is_wrong_is_refused_by_name_with_file_and_line() {
         ("no latitude", (&no_latitude, &same, 78, &["campaign.toml", "latitude_deg: missing"])),
         ("axis too long", (&long_axis, &same, 78, &[&axis_place])),
         ("axis of no turntable", (&skew_axis, &same, 78, &[&axis_place])),
-        ("telemetry", (&good, &dead, 65, &[&dead_place])),
+        ("temperature", (&good, &dead, 65, &[&dead_place])),
         (
             "no gyroscopes",
             (
@@ -442,7 +442,7 @@ fn without_angles_what_earths_rate_leaves_is_said() {
 }
 
 #[test]
-fn samples_of_another_unit_are_refused() {
+fn samples_of_another_device_are_refused() {
     let folder = folder();
     // The unit of each row in the last column; a row of a turn is of another one.
     let marked = |other: &str| {

@@ -152,7 +152,7 @@ fn a_tumble_in_two_texts_and_in_split_texts_makes_the_table_of_the_whole() {
     let text = fs::read_to_string(folder.join("whole.csv")).unwrap();
     let rows: Vec<_> = text.lines().skip(1).collect();
     let part = |rows: &[&str]| format!("t,x,y,z,T\n{}\n", rows.join("\n"));
-    // The border lies within a standstill.
+    // The border lies within a static pose.
     fs::write(folder.join("one.csv"), part(&rows[..9000])).unwrap();
     fs::write(folder.join("two.csv"), part(&rows[9000..])).unwrap();
     let mut noise = noise();
@@ -174,9 +174,9 @@ fn a_tumble_in_two_texts_and_in_split_texts_makes_the_table_of_the_whole() {
         (table.lines().find(|line| line.starts_with("digest = ")).unwrap().to_owned(), err)
     };
     let (whole, err) = make(&["whole.csv", "--mapping", "m.toml"]);
-    assert!(err.contains("24 standstills in 1 group"), "{err}");
+    assert!(err.contains("24 static poses in 1 group"), "{err}");
     let (split, err) = make(&["two.csv", "one.csv", "--mapping", "m.toml"]);
-    assert!(split == whole && err.contains("24 standstills in 1 group"), "{err}");
+    assert!(split == whole && err.contains("24 static poses in 1 group"), "{err}");
     assert!(err.contains("one.csv to two.csv: 2 pieces are joined"), "{err}");
     for data in [
         &["whole_gyro.csv", "whole_acc.csv", "--mapping", "two.toml"][..],

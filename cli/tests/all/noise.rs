@@ -95,7 +95,7 @@ fn times_that_are_a_thousand_times_too_short_are_no_noise() {
     let (_, err) = run(folder.path(), 0, &[&["replay", "fast.csv", "-o", "i.csv"], &table[..]].concat());
     assert!(err.contains(words), "{err}");
     run(folder.path(), 65, &[&["replay", "fast.csv", "--strict", "-o", "j.csv"], &table[..]].concat());
-    let (_, err) = run(folder.path(), 0, &[&["verify", "fast.csv", "--standstills"], &table[..]].concat());
+    let (_, err) = run(folder.path(), 0, &[&["verify", "fast.csv", "--static-poses"], &table[..]].concat());
     assert!(err.contains(words), "{err}");
     // The right times.
     for command in [&["replay", "night/run.csv", "--strict", "-o", "k.csv"][..], &["verify", "night/run.csv"]] {

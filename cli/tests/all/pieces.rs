@@ -76,7 +76,7 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
         let options = ["--gravity-local", "9.81", "--gravity-reference", "9.81", "--temperature-unit", "degC"];
         with(&[&["calibrate", "tumble", "--imu", "imu-a", "-o", "t.toml"], &options[..]].concat());
         let (verified, err) = run(folder, 0, &[&["verify", "--table", "t.toml"], &pieces[..]].concat());
-        assert!(verified.contains("48 standstills") && err.contains("own-recording"), "{verified}{err}");
+        assert!(verified.contains("48 static poses") && err.contains("own-recording"), "{verified}{err}");
         replayed.push(with(&["replay", "--table", "t.toml"]));
         let (_, err) = run(folder, 65, &[&["noise"], &pieces[..]].concat());
         assert!(err.contains("the longest stretch without a gap, a movement, a new session"), "{err}");

@@ -149,13 +149,17 @@ fn what_is_no_ramp_is_refused() {
             65,
             "short.csv: 190 s give 19 means of a second or a row, and 19 of them in blocks without a gap; 24 are needed at least",
         ),
-        (with(&["constant.csv"]), 65, "the head telemetry of A1 does not change"),
+        (with(&["constant.csv"]), 65, "the head temperature of A1 does not change"),
         (with(&["ramp-1.csv", "copy.csv"]), 65, "copy.csv has rows of ramp-1.csv"),
         (with(&["ramp-1.csv", "./ramp-1.csv"]), 65, "has rows of ramp-1.csv"),
         (with(&["ramp-1.csv", "ramp-1.csv"]), 78, "is there twice"),
         (with(&["words.csv"]), 65, "words.csv:102: sequence is \"x\""),
         (change("imu = \"imu-paper\"", "imu = \"other\""), 78, "this table belongs to imu-paper, not to other"),
-        (change("= \"V\"", "= \"degC\""), 78, "the telemetry of curves is in \"V\", and temperature_unit is \"degC\""),
+        (
+            change("= \"V\"", "= \"degC\""),
+            78,
+            "the temperature of curves is in \"V\", and temperature_unit is \"degC\"",
+        ),
         (change("gravity_reference = 9.8015", "gravity_reference = 9.80665"), 78, "1 g0 of curves is 9.8015 m/s2"),
         (change("static.toml", "nothing.toml"), 74, "nothing.toml"),
         (change("static.toml", "ramp-1.csv"), 78, "give the coefficient table"),
@@ -242,7 +246,7 @@ fn thermal_run() -> String {
     for row in 0..ROWS {
         let u = temperature((f64::from(row) + 0.5) * ROW_S);
         play = play.clamp(u - 6.0, u + 6.0);
-        let telemetry = ((u + 0.02 * random.normal()) * 100.0).round() / 100.0;
+        let temperature = ((u + 0.02 * random.normal()) * 100.0).round() / 100.0;
         let end_ns = (1000.0 + f64::from(row + 1) * ROW_S) * 1e9;
         let _ = write!(text, "{row},{end_ns:.0},{:.0}", ROW_S * 1e9);
         for sensor in 0..6 {
@@ -253,7 +257,7 @@ fn thermal_run() -> String {
             rest[sensor] += (still + bias + NOISE[sensor] * random.normal()) * RATES[sensor] * ROW_S;
             let pulses = f64::round(rest[sensor]);
             rest[sensor] -= pulses;
-            let _ = write!(text, ",{:.0},{:.0},{telemetry},{telemetry}", pulses.max(0.0), (-pulses).max(0.0));
+            let _ = write!(text, ",{:.0},{:.0},{temperature},{temperature}", pulses.max(0.0), (-pulses).max(0.0));
         }
         text.push('\n');
     }

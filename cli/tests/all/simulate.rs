@@ -175,7 +175,7 @@ fn what_does_not_fit_is_refused() {
     let err = simulate(folder.path(), 64, &["run", "-o", "run", "--gyroscopes", "--latitude", "91"]);
     assert!(err.contains("give a number from -90 to 90, north positive"), "{err}");
     simulate(folder.path(), 64, &["campaign", "-o", "c", "--gyroscopes", "--turn-angle", "90"]);
-    // A table of another kind of telemetry gets gyroscopes with that telemetry.
+    // A table of another kind of temperature gets gyroscopes with that temperature.
     let degrees = format!("{EXAMPLES}/tables/imu-b.toml");
     simulate(
         folder.path(),

@@ -20,7 +20,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     let calibrate = arguments(&tumble, ["9.79179", "9.80665"], &["--report", "r.html"]);
     let (out, err) = run(folder.path(), 0, &calibrate);
     assert!(
-        out.is_empty() && err.starts_with("78 standstills in 3 groups at 3 temperatures, 0 too short, digest sha256:"),
+        out.is_empty() && err.starts_with("78 static poses in 3 groups at 3 temperatures, 0 too short, digest sha256:"),
         "{out}{err}"
     );
     assert!(err.contains("not observable without a turntable: a rotation"), "{err}");
@@ -30,7 +30,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     // Local gravity is that of the provenance, and the lengths are compared without being asked for.
     // It is the recording that made the table, also a part of it, and from stdin.
     let (out, err) = run(folder.path(), 0, &["verify", "--table", "table.toml", &tumble]);
-    assert!(out.starts_with("this recording made the table: no evidence\n78 standstills"), "{out}");
+    assert!(out.starts_with("this recording made the table: no evidence\n78 static poses"), "{out}");
     assert!(err.starts_with(&format!("isotherm: warning [own-recording]: {tumble}: this recording made")), "{err}");
     let text = fs::read_to_string(&tumble).unwrap();
     let part: Vec<_> = text.lines().enumerate().filter(|(row, _)| *row == 0 || *row > 3000).collect();
@@ -46,15 +46,15 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
     fs::write(folder.path().join("table.toml"), kept.map(|line| format!("{line}\n")).collect::<String>()).unwrap();
     let verify = ["verify", "--table", "table.toml", &tumble, "--require", "scale=50ppm", "--report", "v.html"];
     let (out, _) = run(folder.path(), 0, &verify);
-    assert!(out.starts_with("78 standstills, 0 too short\nLocal gravity 9.79179 m/s2, from the provenance"), "{out}");
+    assert!(out.starts_with("78 static poses, 0 too short\nLocal gravity 9.79179 m/s2, from the provenance"), "{out}");
     assert!(out.contains("at most 50.000 ppm is required: met"), "{out}");
     assert_page(&folder.path().join("v.html"), 0, &["Met", "scale: the length"]);
     let (out, err) = run(folder.path(), 1, &[&verify[..5], &["scale=1ppm,bias=20ug0"]].concat());
-    assert!(out.contains("missed") && err.contains("bias: not judged, standstills"), "{out}{err}");
+    assert!(out.contains("missed") && err.contains("bias: not judged, static poses"), "{out}{err}");
     let (out, _) = run(folder.path(), 0, &["verify", "--table", "table.toml", &tumble, "--json"]);
     let document: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!((&document["judged_by"], &document["standstills"]), (&"standstills".into(), &78.into()));
-    // Compensated by replay, a standstill has the length that verify says.
+    assert_eq!((&document["judged_by"], &document["static_poses"]), (&"static_poses".into(), &78.into()));
+    // Compensated by replay, a static pose has the length that verify says.
     run(folder.path(), 0, &["replay", "--table", "table.toml", &tumble, "-o", "increments.csv"]);
     let rows: Vec<Vec<f64>> = fs::read_to_string(folder.path().join("increments.csv"))
         .unwrap()
@@ -65,7 +65,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
         .collect();
     let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / (96.0 * 0.05);
     let length = sum(3).hypot(sum(4)).hypot(sum(5)) / 9.80665 - 9.79179 / 9.80665;
-    let first = document["standstill"][0].clone();
+    let first = document["static_pose"][0].clone();
     assert_eq!(first["rows"], 96);
     assert!((length - first["error_g0"].as_f64().unwrap()).abs() < 1e-9, "{length} {first}");
 }
@@ -86,7 +86,7 @@ fn a_campaign_file_and_the_options_give_the_same_digest() {
         ["calibrate", "tumble", "campaign.toml", "--temperature-range", "0,50", "-o", "other.toml", "--json"];
     let (out, _) = run(folder.path(), 0, &calibrate);
     let document: Value = serde_json::from_str(&out).unwrap();
-    assert_eq!(document["standstills"], 40);
+    assert_eq!(document["static_poses"], 40);
     assert_eq!(document["scale_factor"], "single");
     let digest = |name: &str| {
         let text = fs::read_to_string(at(name)).unwrap();
@@ -118,7 +118,7 @@ fn a_refusal_names_parameters_and_writes_nothing() {
     assert_eq!(document["parameters"], serde_json::json!(["m12", "m13", "m23"]));
     assert!(document["attitude"].as_str().unwrap().contains("up"), "{document}");
     let (_, err) = run(folder.path(), 65, &arguments(&ferraris, gravity, &[]));
-    assert!(err.contains("6 standstills for 9 unknowns"), "{err}");
+    assert!(err.contains("6 static poses for 9 unknowns"), "{err}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     let without = arguments(&ferraris, gravity, &["--temperature-range", "0,50", "--no-misalignment", "--json"]);
     let (out, _) = run(folder.path(), 0, &without);

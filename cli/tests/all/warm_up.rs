@@ -24,7 +24,7 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
     );
     assert!(lines.contains(&"isotherm: the nominal interval is 0.1 s, found from the first 1000 rows; for recordings that belong together give it"), "{err}");
     assert!(err.contains("bias curves of order 3 from 1 recording at one attitude; their error is not known"), "{err}");
-    assert!(err.contains("order 3, the autopilots' cubic") && err.contains("60 s behind their telemetry"), "{err}");
+    assert!(err.contains("order 3, the autopilots' cubic") && err.contains("60 s behind their temperature"), "{err}");
     assert!(err.contains("parameters of PX4 in i.params; in float32 within "), "{err}");
     let page = folder.path().join("r.html");
     assert_page(&page, 17, &["Before and after", "ArduPilot", "1: heating", "SHA-256", "Error not known"]);

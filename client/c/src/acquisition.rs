@@ -156,10 +156,10 @@ pub struct isotherm_options {
     /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the
     /// default, 5 s; ISOTHERM_NO_WAIT does not wait.
     pub timeout_ns: u64,
-    /// Serial number of the unit, in UTF-8; NULL if it is not known. The service flags samples of another unit than the
+    /// Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than the
     /// table's. Outer blanks do not count.
     pub serial: *const c_char,
-    /// Time constant of the lagged telemetry [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
+    /// Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     pub lag_s: f64,
 }
 
@@ -217,7 +217,7 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
 /// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already, the gyroscopes' telemetry is NaN, all other fields are 0. Set them, except
+/// `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them, except
 /// `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
 /// highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
 /// flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
@@ -265,7 +265,7 @@ pub unsafe extern "C" fn isotherm_cancel(
     })
 }
 
-/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, telemetry and device become
+/// Adds the next control period to a sample: pulses and intervals are summed, timestamp, temperature and device become
 /// the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
 /// sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
 /// isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
@@ -292,7 +292,7 @@ pub unsafe extern "C" fn isotherm_merge(
 }
 
 /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
-/// `lag_ns` with the lagged telemetry, where they are 0.
+/// `lag_ns` with the lagged temperature, where they are 0.
 ///
 /// After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -313,7 +313,7 @@ pub unsafe extern "C" fn isotherm_send(
 /// waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
 ///
 /// Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
-/// something: another unit, a missing interval, telemetry that is not finite on one side, time that is missing between
+/// something: another unit, a missing interval, temperature that is not finite on one side, time that is missing between
 /// the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
 /// ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
 /// table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
@@ -322,7 +322,7 @@ pub unsafe extern "C" fn isotherm_send(
 ///
 /// Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
 /// those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
-/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged telemetry is that of the time of this
+/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged temperature is that of the time of this
 /// call.
 ///
 /// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that

@@ -1,34 +1,34 @@
 //! The bits of an increment's `flags`, for C.
 
-/// Head telemetry of A1 below the bias range.
+/// Head temperature of A1 below the bias range.
 pub const ISOTHERM_FLAG_A1_HEAD_BELOW: u64 = 1 << 0;
-/// Head telemetry of A2 below the bias range.
+/// Head temperature of A2 below the bias range.
 pub const ISOTHERM_FLAG_A2_HEAD_BELOW: u64 = 1 << 1;
-/// Head telemetry of A3 below the bias range.
+/// Head temperature of A3 below the bias range.
 pub const ISOTHERM_FLAG_A3_HEAD_BELOW: u64 = 1 << 2;
-/// Head telemetry of A1 above the bias range.
+/// Head temperature of A1 above the bias range.
 pub const ISOTHERM_FLAG_A1_HEAD_ABOVE: u64 = 1 << 3;
-/// Head telemetry of A2 above the bias range.
+/// Head temperature of A2 above the bias range.
 pub const ISOTHERM_FLAG_A2_HEAD_ABOVE: u64 = 1 << 4;
-/// Head telemetry of A3 above the bias range.
+/// Head temperature of A3 above the bias range.
 pub const ISOTHERM_FLAG_A3_HEAD_ABOVE: u64 = 1 << 5;
-/// Board telemetry of A1 below the range of K+ or K-.
+/// Board temperature of A1 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_A1_BOARD_BELOW: u64 = 1 << 6;
-/// Board telemetry of A2 below the range of K+ or K-.
+/// Board temperature of A2 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_A2_BOARD_BELOW: u64 = 1 << 7;
-/// Board telemetry of A3 below the range of K+ or K-.
+/// Board temperature of A3 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_A3_BOARD_BELOW: u64 = 1 << 8;
-/// Board telemetry of A1 above the range of K+ or K-.
+/// Board temperature of A1 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_A1_BOARD_ABOVE: u64 = 1 << 9;
-/// Board telemetry of A2 above the range of K+ or K-.
+/// Board temperature of A2 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_A2_BOARD_ABOVE: u64 = 1 << 10;
-/// Board telemetry of A3 above the range of K+ or K-.
+/// Board temperature of A3 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_A3_BOARD_ABOVE: u64 = 1 << 11;
-/// Telemetry of A1 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of A1 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_A1_NOT_FINITE: u64 = 1 << 12;
-/// Telemetry of A2 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of A2 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_A2_NOT_FINITE: u64 = 1 << 13;
-/// Telemetry of A3 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of A3 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_A3_NOT_FINITE: u64 = 1 << 14;
 /// More pulses per second on A1 than the table's `max_rate`.
 pub const ISOTHERM_FLAG_A1_RATE: u64 = 1 << 15;
@@ -40,12 +40,12 @@ pub const ISOTHERM_FLAG_A3_RATE: u64 = 1 << 17;
 pub const ISOTHERM_FLAG_INTERVAL: u64 = 1 << 18;
 /// The IMU is served without a table (`--allow-uncalibrated`); the increments are NaN.
 pub const ISOTHERM_FLAG_NO_TABLE: u64 = 1 << 19;
-/// The telemetry is older than the table's `max_age_s`, or as much newer than the end of the control period.
+/// The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period.
 pub const ISOTHERM_FLAG_TELEMETRY_STALE: u64 = 1 << 20;
 /// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is
 /// not finite or larger than the bias's range.
 pub const ISOTHERM_FLAG_LAG_UNKNOWN: u64 = 1 << 21;
-/// The sample is of another unit than the table's.
+/// The sample is of another device than the table's.
 pub const ISOTHERM_FLAG_OTHER_DEVICE: u64 = 1 << 22;
 /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
 pub const ISOTHERM_FLAG_G_UNKNOWN: u64 = 1 << 23;
@@ -59,35 +59,35 @@ pub const ISOTHERM_FLAG_TIME_STEP: u64 = 1 << 26;
 /// The first sample of a session other than the one that was served last for this IMU, by this service or by the one
 /// before it since boot. Time may be missing before it.
 pub const ISOTHERM_FLAG_SESSION: u64 = 1 << 27;
-/// Head telemetry of G1 below the bias range.
+/// Head temperature of G1 below the bias range.
 pub const ISOTHERM_FLAG_G1_HEAD_BELOW: u64 = 1 << 32;
-/// Head telemetry of G2 below the bias range.
+/// Head temperature of G2 below the bias range.
 pub const ISOTHERM_FLAG_G2_HEAD_BELOW: u64 = 1 << 33;
-/// Head telemetry of G3 below the bias range.
+/// Head temperature of G3 below the bias range.
 pub const ISOTHERM_FLAG_G3_HEAD_BELOW: u64 = 1 << 34;
-/// Head telemetry of G1 above the bias range.
+/// Head temperature of G1 above the bias range.
 pub const ISOTHERM_FLAG_G1_HEAD_ABOVE: u64 = 1 << 35;
-/// Head telemetry of G2 above the bias range.
+/// Head temperature of G2 above the bias range.
 pub const ISOTHERM_FLAG_G2_HEAD_ABOVE: u64 = 1 << 36;
-/// Head telemetry of G3 above the bias range.
+/// Head temperature of G3 above the bias range.
 pub const ISOTHERM_FLAG_G3_HEAD_ABOVE: u64 = 1 << 37;
-/// Board telemetry of G1 below the range of K+ or K-.
+/// Board temperature of G1 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_G1_BOARD_BELOW: u64 = 1 << 38;
-/// Board telemetry of G2 below the range of K+ or K-.
+/// Board temperature of G2 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_G2_BOARD_BELOW: u64 = 1 << 39;
-/// Board telemetry of G3 below the range of K+ or K-.
+/// Board temperature of G3 below the range of K+ or K-.
 pub const ISOTHERM_FLAG_G3_BOARD_BELOW: u64 = 1 << 40;
-/// Board telemetry of G1 above the range of K+ or K-.
+/// Board temperature of G1 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_G1_BOARD_ABOVE: u64 = 1 << 41;
-/// Board telemetry of G2 above the range of K+ or K-.
+/// Board temperature of G2 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_G2_BOARD_ABOVE: u64 = 1 << 42;
-/// Board telemetry of G3 above the range of K+ or K-.
+/// Board temperature of G3 above the range of K+ or K-.
 pub const ISOTHERM_FLAG_G3_BOARD_ABOVE: u64 = 1 << 43;
-/// Telemetry of G1 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of G1 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_G1_NOT_FINITE: u64 = 1 << 44;
-/// Telemetry of G2 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of G2 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_G2_NOT_FINITE: u64 = 1 << 45;
-/// Telemetry of G3 NaN or infinite; the increment is NaN under any policy.
+/// Temperature of G3 NaN or infinite; the increment is NaN under any policy.
 pub const ISOTHERM_FLAG_G3_NOT_FINITE: u64 = 1 << 46;
 /// More pulses per second on G1 than the table's `max_rate`.
 pub const ISOTHERM_FLAG_G1_RATE: u64 = 1 << 47;

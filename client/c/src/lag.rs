@@ -1,4 +1,4 @@
-//! The lagged telemetry: readings, and the state for a successor of the process.
+//! The lagged temperature: readings, and the state for a successor of the process.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
 use crate::acquisition::{isotherm_acquisition, with};
@@ -10,17 +10,17 @@ use isotherm_client::{Lag, LaggedReading, Sensor};
 /// Number of sensors: A1, A2, A3, G1, G2, G3 have the numbers 0 to 5.
 pub const ISOTHERM_SENSORS: usize = 6;
 
-/// The state of one sensor's lag: its last reading, and the lagged telemetry at that time.
+/// The state of one sensor's lag: its last reading, and the lagged temperature at that time.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct isotherm_lagged_reading {
-    /// When the telemetry was measured, on the acquisition's clock [ns].
+    /// When the temperature was measured, on the acquisition's clock [ns].
     pub time_ns: u64,
-    /// Head telemetry, in the table's unit.
+    /// Head temperature, in the table's unit.
     pub telemetry: f64,
-    /// Lagged telemetry, in the table's unit; NaN before the first reading.
+    /// Lagged temperature, in the table's unit; NaN before the first reading.
     pub lagged: f64,
-    /// The share of the lagged telemetry that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
+    /// The share of the lagged temperature that rests on an unknown start, 0 to 1; 0 where the sensor was soaked.
     /// Over 0.05 samples are sent without it.
     pub unknown: f64,
 }
@@ -33,8 +33,8 @@ pub struct isotherm_lag {
     pub sensors: [isotherm_lagged_reading; ISOTHERM_SENSORS],
 }
 
-/// Takes a new reading of a sensor's head telemetry, in the table's unit, measured at `time_ns` on your clock. Every
-/// sample that is sent later carries the lagged telemetry of all readings so far, in `lag_ns` and `head_lagged`.
+/// Takes a new reading of a sensor's head temperature, in the table's unit, measured at `time_ns` on your clock. Every
+/// sample that is sent later carries the lagged temperature of all readings so far, in `lag_ns` and `head_lagged`.
 ///
 /// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
 /// measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
@@ -85,9 +85,9 @@ pub unsafe extern "C" fn isotherm_save_lag(
     with(acquisition, |content| {
         let output = NonNull::new(lag).ok_or(NULL)?;
         let Lag { sensors, unknown, .. } = *content.acquisition.lag().state();
-        let none = LaggedReading { time_ns: 0, telemetry: 0.0, lagged: f64::NAN };
+        let none = LaggedReading { time_ns: 0, temperature: 0.0, lagged: f64::NAN };
         let sensors = core::array::from_fn(|sensor| {
-            let LaggedReading { time_ns, telemetry, lagged } = sensors[sensor].unwrap_or(none);
+            let LaggedReading { time_ns, temperature: telemetry, lagged } = sensors[sensor].unwrap_or(none);
             isotherm_lagged_reading { time_ns, telemetry, lagged, unknown: unknown[sensor] }
         });
         // SAFETY: not NULL, so it is writable, as the header requires.
@@ -96,8 +96,8 @@ pub unsafe extern "C" fn isotherm_save_lag(
     })
 }
 
-/// Goes on with a state that was saved, on the same clock, as if the telemetry had gone straight on in the pause. A
-/// sensor whose telemetry or lagged telemetry is not finite, or whose next reading is earlier than the saved one, which
+/// Goes on with a state that was saved, on the same clock, as if the temperature had gone straight on in the pause. A
+/// sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one, which
 /// is then of another clock, is unknown as after isotherm_forget_lag.
 ///
 /// Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
@@ -118,7 +118,7 @@ pub unsafe extern "C" fn isotherm_restore_lag(
         let mut lag = Lag::new(0);
         for (sensor, isotherm_lagged_reading { time_ns, telemetry, lagged, unknown }) in sensors.into_iter().enumerate()
         {
-            lag.sensors[sensor] = Some(LaggedReading { time_ns, telemetry, lagged });
+            lag.sensors[sensor] = Some(LaggedReading { time_ns, temperature: telemetry, lagged });
             lag.unknown[sensor] = unknown;
         }
         content.acquisition.lag().restore(&lag);

@@ -27,7 +27,7 @@ pub struct isotherm_readings {
 
 /// Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`
 /// [rad/s] about G1, G2, G3, each the mean over the sample's interval. `angular_rate` is NULL for an IMU without
-/// gyroscopes: they become absent, with telemetry NaN.
+/// gyroscopes: they become absent, with temperature NaN.
 ///
 /// An `interval_ns` of 0 in the sample becomes the nominal one. Another one, such as the measured interval or that of
 /// several samples in one, is kept, and the pulses are those of that interval. All other fields stay. Nothing is

@@ -82,7 +82,7 @@ pub(crate) unsafe fn text(text: *const c_char) -> Option<Vec<u8>> {
     (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_bytes().to_vec())
 }
 
-/// The number of the unit with this serial number, which every sample carries in `device`: the first 8 bytes of the
+/// The number of the device with this serial number, which every sample carries in `device`: the first 8 bytes of the
 /// SHA-256 of its UTF-8, big-endian, without outer blanks. 0, unknown, for NULL, for blanks, and for text that is not
 /// UTF-8.
 #[unsafe(no_mangle)]

@@ -11,7 +11,7 @@ impl Acquisition {
     /// other: it waits in private memory until [`send_kept`](Self::send_kept) sends it. The loan is free again.
     ///
     /// Periods are summed ([`RawSample::merge`](crate::RawSample::merge)) while a sum fits; then another sum begins. It
-    /// also begins where a sum would hide something: another unit, a missing interval, telemetry that is not finite on
+    /// also begins where a sum would hide something: another unit, a missing interval, temperature that is not finite on
     /// one side, time that is missing between the two. Under a table of readings a sum has 64 nominal intervals at
     /// most, so that it is not flagged [`INTERVAL_NOT_NOMINAL`](isotherm_shared::wire::Flags::INTERVAL_NOT_NOMINAL).
     /// Where the table is not known, since [`LagOption::Service`](crate::LagOption::Service) was not given or the table
@@ -21,7 +21,7 @@ impl Acquisition {
     /// many sequences are left out: a gap for every reader.
     ///
     /// Nothing overtakes what is kept: `send` and `compensate` hand later samples back ([`SendError::Full`]) until the
-    /// line is empty, and those are kept too. The lagged telemetry is that of this moment. It allocates nothing.
+    /// line is empty, and those are kept too. The lagged temperature is that of this moment. It allocates nothing.
     ///
     /// ```no_run
     /// # use isotherm_client::{Acquisition, CompensateError, Loan, SendError};

@@ -95,7 +95,7 @@ fn a_sum_hides_nothing() {
         ("a time step", RawSample { timestamp_ns: raw.timestamp_ns + 2 * NOMINAL_NS, ..raw }),
         ("no gyroscopes", RawSample { gyroscopes: Triad::ABSENT, ..raw }),
         ("zeroed gyroscopes", RawSample { gyroscopes: Triad::default(), ..raw }),
-        ("one invalid telemetry", invalid),
+        ("one invalid temperature", invalid),
     ] {
         let (mut kept, mut state) = (Kept::new(8), state(8));
         for raw in [period(0, 1), period(1, 1), changed] {

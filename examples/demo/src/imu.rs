@@ -18,7 +18,7 @@ const ANGLES_DEG: [f64; 2] = [50.0, 130.0];
 
 /// Description of the IMU in the report.
 pub(crate) const DESCRIPTION: &str = "simulated IMU at rest, specific force (0.59, -0.49, 0.64) g0 along A1, A2, A3, latitude 39.9 deg; \
-     -25..45 degC at 70 degC/h; noise of an accelerometer 10 ug0 a sample at 10 Hz, of a gyroscope 0.003 deg/sqrt(h); telemetry noise 0.1 mV, \
+     -25..45 degC at 70 degC/h; noise of an accelerometer 10 ug0 a sample at 10 Hz, of a gyroscope 0.003 deg/sqrt(h); temperature noise 0.1 mV, \
      16 bits, pulses quantised";
 
 /// The current part of the temperature run.
@@ -74,7 +74,7 @@ impl DemoImu {
 }
 
 /// Hardware with shorter time constants than the default, without temperature offsets of heads and boards. The
-/// telemetry is read once a second.
+/// temperature is read once a second.
 fn chain() -> Chain {
     Chain {
         head_lag_s: 120.0,
@@ -84,12 +84,12 @@ fn chain() -> Chain {
         gyroscope_head_offset_c: [0.0; AXES],
         gyroscope_board_offset_c: [0.0; AXES],
         oscillation_c: 0.0,
-        telemetry_s: 1.0,
+        temperature_s: 1.0,
         ..Chain::default()
     }
 }
 
-/// Telemetry at the middle temperature of the run \[V\].
+/// Temperature at the middle temperature of the run \[V\].
 pub(crate) fn middle() -> f64 {
-    chain().telemetry((COLD + HOT) / 2.0)
+    chain().temperature((COLD + HOT) / 2.0)
 }

@@ -32,7 +32,7 @@ impl InForce {
     /// The table in the file `target`; `None` if there is no file.
     ///
     /// # Errors
-    /// If the table cannot be read, or is for another IMU or other telemetry than the plan: it can then not be compared
+    /// If the table cannot be read, or is for another IMU or other temperature than the plan: it can then not be compared
     /// with, and which axes the vehicle has is not known.
     pub fn read(target: &Path, plan: &Plan) -> Result<Option<Self>, Failure> {
         match fs::metadata(target) {
@@ -44,7 +44,7 @@ impl InForce {
         let (table, state) = load_table(target, None, Trust::Any).map_err(|error| {
             let failure = Failure::from(error);
             let message = format!(
-                "{failure}\n{place}, the table in force, cannot be compared with; mend it (`isotherm rollback --imu {} {place}` brings a \
+                "{failure}\n{place}, the table in force, cannot be compared with; fix it (`isotherm rollback --imu {} {place}` brings a \
                  predecessor back), or move it away",
                 plan.imu
             );
@@ -60,7 +60,7 @@ impl InForce {
         }
         if content.temperature_unit != *unit {
             return refuse(format!(
-                "{place}, the table in force, takes telemetry in {}, the plan is for {unit}; correct the plan, or move the table away if the \
+                "{place}, the table in force, takes temperature in {}, the plan is for {unit}; correct the plan, or move the table away if the \
                  acquisition has changed",
                 content.temperature_unit
             ));

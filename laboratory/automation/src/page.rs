@@ -120,7 +120,7 @@ fn html(plan: &Plan, snapshot: &Snapshot, curves: &[&PlottedCurves], events: &[P
             });
             (plot.svg(), String::new())
         };
-        let label = format!("Telemetry / {}", plan.campaign.temperature_unit);
+        let label = format!("Temperature / {}", plan.campaign.temperature_unit);
         let chamber = curves.iter().take(1).map(|curves| draw(curves, "Chamber", "Temperature / degC", &CHAMBER));
         let of_imu = |(plan, curves): (&Plan, &&PlottedCurves)| {
             let imu = plan.member.as_ref().map_or_else(String::new, |member| format!(" of {}", member.imu));

@@ -1,4 +1,4 @@
-//! Readings of chamber, turntable and IMU telemetry over the whole campaign: `readbacks.csv`, one for each IMU of a
+//! Readings of chamber, turntable and IMU temperature over the whole campaign: `readbacks.csv`, one for each IMU of a
 //! batch, and its curves for the live page.
 
 use crate::curves::{CURVES, CurveRow, PlottedCurves};
@@ -47,7 +47,7 @@ impl Readbacks {
         Ok(Self { file, path, curves, has_gyroscopes })
     }
 
-    /// Appends a row. `telemetry` is head and board of each accelerometer, then of each gyroscope, NaN before the first
+    /// Appends a row. `temperature` is head and board of each accelerometer, then of each gyroscope, NaN before the first
     /// sample. The times are laboratory time and Unix time \[s\].
     ///
     /// # Errors
@@ -56,7 +56,7 @@ impl Readbacks {
         &mut self,
         chamber: &ChamberReading,
         table: &TurntableReading,
-        telemetry: [[f64; 2]; 2 * AXES],
+        temperature: [[f64; 2]; 2 * AXES],
         phase: &str,
         [now, unix_s]: [f64; 2],
     ) -> Result<(), Failure> {
@@ -66,8 +66,8 @@ impl Readbacks {
             chamber.air_c, chamber.set_point_c, chamber.running
         );
         let sensors = if self.has_gyroscopes { 2 * AXES } else { AXES };
-        let telemetry = telemetry.iter().take(sensors).flatten();
-        let row = telemetry.fold(row, |row, value| format!("{row},{value:?}")) + "\n";
+        let temperature = temperature.iter().take(sensors).flatten();
+        let row = temperature.fold(row, |row, value| format!("{row},{value:?}")) + "\n";
         self.file.write_all(row.as_bytes()).map_err(|error| Failure::io("writing", &self.path, &error))?;
         self.curves.add(curve_row(&row));
         Ok(())
@@ -138,9 +138,9 @@ mod tests {
     fn a_runner_goes_on_with_the_curves_of_the_one_before_and_without_its_cut_row() {
         let folder = tempfile::tempdir().unwrap();
         let chamber = ChamberReading { air_c: -5.0, set_point_c: -10.0, running: true, ..ChamberReading::default() };
-        let telemetry = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]];
+        let temperature = [[1.0, 2.0], [3.0, 4.0], [5.0, f64::NAN], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]];
         let mut first = Readbacks::at(folder.path().join(FILE), false).unwrap();
-        first.write(&chamber, &TurntableReading::default(), telemetry, "soak", [7.0, 1.8e9]).unwrap();
+        first.write(&chamber, &TurntableReading::default(), temperature, "soak", [7.0, 1.8e9]).unwrap();
         drop(first);
         let path = folder.path().join(FILE);
         let whole = fs::read(&path).unwrap();
@@ -148,7 +148,7 @@ mod tests {
 
         let mut second = Readbacks::at(folder.path().join(FILE), false).unwrap();
         assert_eq!(fs::read(&path).unwrap(), whole);
-        second.write(&chamber, &TurntableReading::default(), telemetry, "dwell", [8.0, 1.8e9]).unwrap();
+        second.write(&chamber, &TurntableReading::default(), temperature, "dwell", [8.0, 1.8e9]).unwrap();
         let values = |curve: usize| second.curves().all(curve).map(|point| point.1).collect::<Vec<_>>();
         assert_eq!([values(0), values(1)], [[-5.0; 2], [-10.0; 2]]);
         assert_eq!([2, 3, 4, 5, 6].map(|curve| values(curve)[1]), [1.0, 3.0, 5.0, 2.0, 4.0]);

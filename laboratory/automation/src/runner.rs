@@ -172,7 +172,7 @@ impl<'p> Runner<'p> {
         })
     }
 
-    /// Takes samples of another unit than the plan's, if `accepts`.
+    /// Takes samples of another device than the plan's, if `accepts`.
     #[must_use]
     pub fn with_other_device(self, accepts: bool) -> Self {
         Self { streams: self.streams.with_other_device(accepts), ..self }

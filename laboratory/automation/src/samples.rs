@@ -64,7 +64,7 @@ pub struct SampleRecorder<'p> {
     usable_at: Option<f64>,
     offset: ClockOffset,
     open: Option<OpenStep>,
-    /// Whether samples of another unit than the plan's are taken.
+    /// Whether samples of another device than the plan's are taken.
     takes_other_device: bool,
     /// Whether a sample has had gyroscopes.
     has_gyroscopes: bool,
@@ -116,7 +116,7 @@ impl<'p> SampleRecorder<'p> {
         }
     }
 
-    /// Takes samples of another unit than the plan's, if `takes`.
+    /// Takes samples of another device than the plan's, if `takes`.
     #[must_use]
     pub fn with_other_device(self, takes: bool) -> Self {
         Self { takes_other_device: takes, ..self }
@@ -153,7 +153,7 @@ impl<'p> SampleRecorder<'p> {
     /// Takes the next sample, received at `received_ns` of `CLOCK_MONOTONIC`. Returns whether it is usable.
     ///
     /// # Errors
-    /// If a row cannot be written, or if it is a sample of another unit, or of an IMU without the gyroscopes that are
+    /// If a row cannot be written, or if it is a sample of another device, or of an IMU without the gyroscopes that are
     /// to be calibrated.
     pub fn take(&mut self, sample: &RawSample, received_ns: u64) -> Result<bool, Failure> {
         self.check_imu(sample)?;
@@ -172,7 +172,7 @@ impl<'p> SampleRecorder<'p> {
         if self.unusable(sample, last.as_ref()) {
             if let Some(open) = &mut self.open {
                 open.left_out += 1;
-                open.miss_in_turn("a sample cannot be used: its time, a counter or its telemetry");
+                open.miss_in_turn("a sample cannot be used: its time, a counter or its temperature");
             }
             return Ok(false);
         }
@@ -191,7 +191,7 @@ impl<'p> SampleRecorder<'p> {
         let (planned, found) = (device(serial), sample.device);
         if !self.takes_other_device && planned != 0 && found != 0 && found != planned {
             let message = format!(
-                "the samples of {imu} are of another unit, device {found:016x}, than serial = {serial:?} of the plan; mount that unit, correct the \
+                "the samples of {imu} are of another device, device {found:016x}, than serial = {serial:?} of the plan; mount that unit, correct the \
                  serial number, or give --other-device"
             );
             return Err(Failure::new(Exit::Data, message));
@@ -220,12 +220,12 @@ impl<'p> SampleRecorder<'p> {
         }
     }
 
-    /// Whether a sample is left out: `calibrate` would refuse it, its time is wrong, or its telemetry is stale.
+    /// Whether a sample is left out: `calibrate` would refuse it, its time is wrong, or its temperature is stale.
     fn unusable(&self, sample: &RawSample, last: Option<&RawSample>) -> bool {
         let RawSample { timestamp_ns, interval_ns, .. } = *sample;
         let previous_ns = last.map(|last| last.timestamp_ns);
         let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
-        let stale = self.plan.campaign.max_age_s.is_some_and(|limit| sample.telemetry_age_s() > limit);
+        let stale = self.plan.campaign.max_age_s.is_some_and(|limit| sample.temperature_age_s() > limit);
         let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes.or_zero()).is_some();
         implausible(sample, previous_ns).is_some() || gyroscopes || timestamp_ns < interval_ns || far_ahead || stale
     }

@@ -80,7 +80,7 @@ impl RateWindow {
 }
 
 /// Head and board of each accelerometer, then of each gyroscope.
-pub(crate) fn telemetry(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
+pub(crate) fn temperature(sample: &RawSample) -> [[f64; 2]; 2 * AXES] {
     let RawSample { accelerometers, gyroscopes, .. } = sample;
     let of = |triad: &Triad, axis: usize| [triad.head_temperature[axis], triad.board_temperature[axis]];
     array::from_fn(|sensor| of(if sensor < AXES { accelerometers } else { gyroscopes }, sensor % AXES))
@@ -130,10 +130,10 @@ impl Trends {
         self.chamber.add(time_s, air_c);
     }
 
-    /// Adds the telemetry of a sample of the IMU number `imu` of the plan, at the sample's own timestamp.
+    /// Adds the temperature of a sample of the IMU number `imu` of the plan, at the sample's own timestamp.
     pub(crate) fn sample(&mut self, imu: usize, sample: &RawSample) {
         let time_s = sample.timestamp_ns as f64 / 1e9;
-        for (trends, [head, board]) in self.imus[imu].sensors.iter_mut().zip(telemetry(sample)) {
+        for (trends, [head, board]) in self.imus[imu].sensors.iter_mut().zip(temperature(sample)) {
             trends[0].add(time_s, head);
             trends[1].add(time_s, board);
         }

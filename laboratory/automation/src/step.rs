@@ -42,7 +42,7 @@ impl CampaignStep {
         (run < runs).then_some(Self::Run(run))
     }
 
-    /// Index of the unit's set point; `None` for a ramp or a verification run.
+    /// Index of the device's set point; `None` for a ramp or a verification run.
     pub const fn visit(self) -> Option<usize> {
         match self {
             Self::Dwell { visit, .. } | Self::Turn { visit, .. } => Some(visit),

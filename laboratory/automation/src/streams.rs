@@ -8,7 +8,7 @@ use super::journal::{History, KeptStep};
 use super::plan::Plan;
 use super::readbacks::Readbacks;
 use super::samples::{LaboratoryClock, SampleRecorder, SampleSource, SampleSources};
-use super::stability::{Trends, telemetry};
+use super::stability::{Trends, temperature};
 use super::stamp::Stamp;
 use super::step::CampaignStep;
 use isotherm_instruments::{ChamberReading, TurntableReading};
@@ -68,7 +68,7 @@ struct ImuStream<'p> {
     recorder: SampleRecorder<'p>,
     readbacks: Readbacks,
     /// Head and board of each accelerometer and each gyroscope in the last usable sample.
-    telemetry: [[f64; 2]; 2 * AXES],
+    temperature: [[f64; 2]; 2 * AXES],
     /// Length of the kept part of the dwells' file \[bytes\].
     kept_bytes: u64,
     /// The transport's last error; `None` after a sample.
@@ -91,7 +91,7 @@ impl<'p> ImuStream<'p> {
             is_dropped: history.reason_dropped(&plan.imu).is_some(),
             recorder: SampleRecorder::new(plan, clock, kept().last(), age_s),
             readbacks: Readbacks::open(plan)?,
-            telemetry: [[f64::NAN; 2]; 2 * AXES],
+            temperature: [[f64::NAN; 2]; 2 * AXES],
             kept_bytes: kept().filter(|kept| kept.file == samples).last().map_or(0, |kept| kept.to),
             error: None,
             flow: Flow::default(),
@@ -154,7 +154,7 @@ impl<'p> Streams<'p> {
         Ok(Self { all, clock, domain: sources.domain().to_owned() })
     }
 
-    /// Takes samples of another unit than the plan's, if `accepts`.
+    /// Takes samples of another device than the plan's, if `accepts`.
     #[must_use]
     pub(crate) fn with_other_device(self, accepts: bool) -> Self {
         let imu = |stream: ImuStream<'p>| ImuStream { recorder: stream.recorder.with_other_device(accepts), ..stream };
@@ -204,7 +204,7 @@ impl<'p> Streams<'p> {
                     stream.flow.add(at, patience_s);
                 }
                 trends.sample(imu, &sample);
-                stream.telemetry = telemetry(&sample);
+                stream.temperature = temperature(&sample);
             }
         }
         Ok(None)
@@ -273,7 +273,7 @@ impl<'p> Streams<'p> {
         let stream = &mut self.all[imu];
         stream.recorder.discard();
         (stream.tap, stream.is_dropped) = (None, true);
-        stream.telemetry = [[f64::NAN; 2]; 2 * AXES];
+        stream.temperature = [[f64::NAN; 2]; 2 * AXES];
         stream.plan
     }
 
@@ -363,7 +363,7 @@ impl<'p> Streams<'p> {
     ) -> Result<(), Failure> {
         let times = [now, self.clock.unix_s()];
         let write =
-            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.telemetry, phase, times);
+            |stream: &mut ImuStream<'_>| stream.readbacks.write(chamber, turntable, stream.temperature, phase, times);
         self.all.iter_mut().try_for_each(write)
     }
 

@@ -18,7 +18,7 @@ pub(crate) const LOOKED_AT: Duration = Duration::from_millis(250);
 pub enum Trigger {
     /// The journal has so many of this event since the begin.
     Journal(&'static str, usize),
-    /// The runner is in this phase, after so many units.
+    /// The runner is in this phase, after so many devices.
     Phase(&'static str, usize),
     /// So much time has passed since the step before \[s\].
     After(f64),

@@ -118,7 +118,7 @@ impl Setup {
             gravity_local: truths[0].gravity_local,
             latitude_deg: truths[0].latitude_deg,
             heading_deg: truths[0].heading_deg,
-            // The telemetry follows the air, so that short ramps are seen.
+            // The temperature follows the air, so that short ramps are seen.
             chain: Chain { oscillation_c: 0.0, head_lag_s: 20.0, board_lag_s: 20.0, ..Chain::default() },
             noise: Noise::NONE,
             plays: Vec::new(),
@@ -138,7 +138,7 @@ impl Setup {
             assert!(text.contains(from.as_str()), "the plan has no {from}:\n{text}");
             text = text.replacen(from.as_str(), to, 1);
         }
-        // The drift of the telemetry takes longer than these soaks.
+        // The drift of the temperature takes longer than these soaks.
         let lines = text.lines().filter(|line| !line.starts_with("temperature_per_h"));
         let text: String = lines.map(|line| format!("{line}\n")).collect();
         Plan::from_toml(&text, folder).unwrap_or_else(|faults| panic!("{faults}\n{text}"))

@@ -373,7 +373,7 @@ impl TurnInProgress {
 /// The text of a campaign file.
 ///
 /// `samples` is the path of the samples, relative to the campaign file. `gravity_reference` is the value of 1 g0 and
-/// `gravity_local` the gravity in the laboratory, both \[m/s2\]. `temperature_unit` is the unit of the telemetry.
+/// `gravity_local` the gravity in the laboratory, both \[m/s2\]. `temperature_unit` is the unit of the temperature.
 #[must_use]
 pub fn campaign_toml(
     imu: &str,

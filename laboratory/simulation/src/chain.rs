@@ -25,14 +25,14 @@ pub struct Chain {
     pub oscillation_c: f64,
     /// Period of the oscillation \[s\], over 0. The seed determines its phase.
     pub oscillation_s: f64,
-    /// Telemetry at 0 degC, in the table's unit.
-    pub telemetry_zero: f64,
-    /// Telemetry per degC, in the table's unit.
-    pub telemetry_slope: f64,
-    /// Resolution of the telemetry in 1e-6 of the table's unit; 0 for none.
+    /// Temperature at 0 degC, in the table's unit.
+    pub temperature_zero: f64,
+    /// Temperature per degC, in the table's unit.
+    pub temperature_slope: f64,
+    /// Resolution of the temperature in 1e-6 of the table's unit; 0 for none.
     pub telemetry_lsb_micro: u32,
-    /// Interval between two readings of the telemetry \[s\]; 0 for a reading in every sample.
-    pub telemetry_s: f64,
+    /// Interval between two readings of the temperature \[s\]; 0 for a reading in every sample.
+    pub temperature_s: f64,
     /// Amplitude of a vibration along all input axes, in phase \[g0\]; 0 for none.
     pub vibration_g0: f64,
     /// Frequency of the vibration \[Hz\].
@@ -40,7 +40,7 @@ pub struct Chain {
 }
 
 impl Default for Chain {
-    /// Telemetry in volts, 1.1 V at -25 degC and 3.9 V at 45 degC, 16 bits over 5 V, read every sample; no vibration.
+    /// Temperature in volts, 1.1 V at -25 degC and 3.9 V at 45 degC, 16 bits over 5 V, read every sample; no vibration.
     fn default() -> Self {
         Self {
             head_lag_s: 300.0,
@@ -51,10 +51,10 @@ impl Default for Chain {
             gyroscope_board_offset_c: [2.5, 2.0, 1.5],
             oscillation_c: 0.05,
             oscillation_s: 3600.0,
-            telemetry_zero: 2.1,
-            telemetry_slope: 0.04,
+            temperature_zero: 2.1,
+            temperature_slope: 0.04,
             telemetry_lsb_micro: 76,
-            telemetry_s: 0.0,
+            temperature_s: 0.0,
             vibration_g0: 0.0,
             vibration_hz: 0.0,
         }
@@ -62,25 +62,25 @@ impl Default for Chain {
 }
 
 impl Chain {
-    /// Telemetry at `temperature_c` \[degC\], without noise and resolution.
+    /// Temperature at `temperature_c` \[degC\], without noise and resolution.
     ///
     /// ```
     /// use isotherm_simulation::Chain;
     ///
     /// let chain = Chain::default();
-    /// assert!((chain.telemetry(-25.0) - 1.1).abs() < 1e-12 && (chain.telemetry(45.0) - 3.9).abs() < 1e-12); // V
+    /// assert!((chain.temperature(-25.0) - 1.1).abs() < 1e-12 && (chain.temperature(45.0) - 3.9).abs() < 1e-12); // V
     /// ```
     #[must_use]
-    pub fn telemetry(&self, temperature_c: f64) -> f64 {
-        self.telemetry_zero + self.telemetry_slope * temperature_c
+    pub fn temperature(&self, temperature_c: f64) -> f64 {
+        self.temperature_zero + self.temperature_slope * temperature_c
     }
 
     /// The nearest multiple of the resolution, as a double that prints with at most six decimals.
-    pub(super) fn quantised(&self, telemetry: f64) -> f64 {
+    pub(super) fn quantised(&self, temperature: f64) -> f64 {
         match f64::from(self.telemetry_lsb_micro) {
-            0.0 => telemetry,
+            0.0 => temperature,
             // Adding 0 turns -0 into 0.
-            lsb => (telemetry * 1e6 / lsb).round() * lsb / 1e6 + 0.0,
+            lsb => (temperature * 1e6 / lsb).round() * lsb / 1e6 + 0.0,
         }
     }
 }
@@ -90,8 +90,8 @@ impl Chain {
 pub struct Noise {
     /// White noise of a sensor in a mean over 1 s \[g0\]; in a mean over Ts it is 1/sqrt(Ts) times as large.
     pub sensor_g0: f64,
-    /// Noise of a telemetry reading, in the table's unit.
-    pub telemetry: f64,
+    /// Noise of a temperature reading, in the table's unit.
+    pub temperature: f64,
     /// Offset of the bias in each visit of a set point \[g0\].
     pub bias_g0: f64,
     /// Relative offsets of K+ and K- in each visit of a set point.
@@ -125,12 +125,12 @@ pub fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl Default for Noise {
-    /// Accelerometers 5 ug0 in 1 s, telemetry 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003
+    /// Accelerometers 5 ug0 in 1 s, temperature 0.1 mV, visits 0.2 ug0 and 0.3 ppm, angles 1 arcsec. Gyroscopes 0.003
     /// deg/sqrt(h), visits 0.003 deg/h and 0.5 ppm, turns 0.2 arcsec. No random walk of a bias.
     fn default() -> Self {
         Self {
             sensor_g0: 5e-6,
-            telemetry: 1e-4,
+            temperature: 1e-4,
             bias_g0: 0.2e-6,
             scale_factor: 0.3e-6,
             positioning_rad: (1.0_f64 / 3600.0).to_radians(),
@@ -148,7 +148,7 @@ impl Noise {
     /// No noise: everything repeats exactly.
     pub const NONE: Self = Self {
         sensor_g0: 0.0,
-        telemetry: 0.0,
+        temperature: 0.0,
         bias_g0: 0.0,
         scale_factor: 0.0,
         positioning_rad: 0.0,

@@ -1,14 +1,14 @@
 //! Hysteresis of the biases: plays, which remember temperature and not time.
 //!
 //! # Equations
-//! The position z of a play of half-width w follows the head telemetry U, and stands while U turns back within its
+//! The position z of a play of half-width w follows the head temperature U, and stands while U turns back within its
 //! width:
 //!
 //! ```text
 //! z = min(max(z, U - w), U + w)
 //! error = h (z - U)                                                                    [g0 or deg/h]
 //! ```
-//! So the error is h w while the telemetry falls and -h w while it rises, whatever the rate; it stays during a hold,
+//! So the error is h w while the temperature falls and -h w while it rises, whatever the rate; it stays during a hold,
 //! and goes over within 2 w after a turn. Several plays add up.
 
 use isotherm_shared::wire::AXES;
@@ -17,9 +17,9 @@ use serde::{Deserialize, Serialize};
 /// A play, and how much of it each bias has.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Play {
-    /// Half-width w, over 0, in the unit of the telemetry.
+    /// Half-width w, over 0, in the unit of the temperature.
     pub half_width: f64,
-    /// h of A1, A2, A3: error for each unit of telemetry that the play is ahead of the head \[g0\].
+    /// h of A1, A2, A3: error for each unit of temperature that the play is ahead of the head \[g0\].
     pub accelerometers: [f64; AXES],
     /// h of G1, G2, G3, as above \[deg/h\].
     #[serde(default)]
@@ -30,27 +30,27 @@ pub struct Play {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SimulatedPlay {
     pub play: Play,
-    /// The last telemetry.
-    telemetry: f64,
+    /// The last temperature.
+    temperature: f64,
     /// Position z.
     position: f64,
 }
 
 impl SimulatedPlay {
-    /// A play in its middle at `telemetry`.
-    pub(crate) const fn new(play: Play, telemetry: f64) -> Self {
-        Self { play, telemetry, position: telemetry }
+    /// A play in its middle at `temperature`.
+    pub(crate) const fn new(play: Play, temperature: f64) -> Self {
+        Self { play, temperature, position: temperature }
     }
 
-    /// How far the play is ahead of the telemetry, z - U.
+    /// How far the play is ahead of the temperature, z - U.
     pub(crate) fn ahead(&self) -> f64 {
-        self.position - self.telemetry
+        self.position - self.temperature
     }
 
-    /// Follows the telemetry, which goes monotonically from the last one to `telemetry`.
-    pub(crate) fn follow(&mut self, telemetry: f64) {
-        self.telemetry = telemetry;
-        self.position = self.position.max(telemetry - self.play.half_width).min(telemetry + self.play.half_width);
+    /// Follows the temperature, which goes monotonically from the last one to `temperature`.
+    pub(crate) fn follow(&mut self, temperature: f64) {
+        self.temperature = temperature;
+        self.position = self.position.max(temperature - self.play.half_width).min(temperature + self.play.half_width);
     }
 }
 
@@ -62,11 +62,11 @@ mod tests {
     fn a_play_stands_within_its_width_and_is_dragged_beyond() {
         let play = Play { half_width: 0.5, accelerometers: [1.0; AXES], gyroscopes: [0.0; AXES] };
         let mut simulated = SimulatedPlay::new(play, 2.0);
-        for (telemetry, ahead) in
+        for (temperature, ahead) in
             [(2.0, 0.0), (2.3, -0.3), (3.0, -0.5), (4.0, -0.5), (3.5, 0.0), (3.25, 0.25), (1.0, 0.5)]
         {
-            simulated.follow(telemetry);
-            assert!((simulated.ahead() - ahead).abs() < 1e-12, "{telemetry}: {}", simulated.ahead());
+            simulated.follow(temperature);
+            assert!((simulated.ahead() - ahead).abs() < 1e-12, "{temperature}: {}", simulated.ahead());
         }
     }
 }

@@ -9,7 +9,7 @@
 //! ```
 //! and the gyroscopes, if the truth has them, what [`SimulatedGyroscopes`] says. Temperatures are those of the middle
 //! of the period. The memory is what the past of the temperature adds to a bias: with the truth's transient t, the
-//! telemetry L that the sensing element would give, and the [plays](crate::hysteresis::Play), the mean of t (L - U) + S
+//! temperature L that the sensing element would give, and the [plays](crate::hysteresis::Play), the mean of t (L - U) + S
 //! h (z - U) over the period, plus the random walk of the bias. The charge of each converter becomes pulses as in
 //! [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output does not
 //! depend on whether there are gyroscopes.
@@ -26,26 +26,26 @@ use isotherm_shared::table::Axis;
 use isotherm_shared::wire::{AXES, RawSample, Triad};
 use nalgebra::{Matrix3, Vector3};
 
-/// Random stream of the noise of the accelerometers and their telemetry.
+/// Random stream of the noise of the accelerometers and their temperature.
 const FAST_STREAM: u64 = 2;
 
 /// Random stream of the gyroscopes' offsets of each visit.
 const GYROSCOPE_SLOW_STREAM: u64 = 5;
 
-/// Random stream of the noise of the gyroscopes and their telemetry.
+/// Random stream of the noise of the gyroscopes and their temperature.
 const GYROSCOPE_FAST_STREAM: u64 = 6;
 
 /// Random stream of the random walks of the biases.
 const BIAS_WALK_STREAM: u64 = 9;
 
-/// Longest step in which a play follows the telemetry \[s\]. In it, the telemetry of a head that follows its chamber is
+/// Longest step in which a play follows the temperature \[s\]. In it, the temperature of a head that follows its chamber is
 /// a line to within some 1e-6 of its range.
 const PLAY_STEP_S: f64 = 1.0;
 
 /// Integration steps in a period of the vibration.
 const SUB_STEPS: f64 = 20.0;
 
-/// An IMU in a chamber. Its state: temperatures, plays, charges, the last telemetry, the time.
+/// An IMU in a chamber. Its state: temperatures, plays, charges, the last temperature, the time.
 #[derive(Clone, Debug)]
 pub struct SimulatedImu {
     accelerometers: SimulatedTriad,
@@ -54,7 +54,7 @@ pub struct SimulatedImu {
     chain: Chain,
     noise: Noise,
     chamber: SimulatedChamber,
-    /// Transients of accelerometers and gyroscopes per unit of telemetry \[g0, deg/h\].
+    /// Transients of accelerometers and gyroscopes per unit of temperature \[g0, deg/h\].
     transients: [[f64; AXES]; 2],
     /// Those of a head without offset: the play of a head with an offset is as far ahead.
     plays: Vec<SimulatedPlay>,
@@ -82,7 +82,7 @@ impl SimulatedImu {
             Some(lag_s) => chamber.with_elements(lag_s, chain),
             None => chamber,
         };
-        let head = chain.telemetry(chamber.head_and_board_c().0);
+        let head = chain.temperature(chamber.head_and_board_c().0);
         let transients = |axes: &[Axis; AXES]| axes.each_ref().map(|axis| axis.transient * axis.bias_unit.factor());
         Self {
             accelerometers: SimulatedTriad::new(&content.axes),
@@ -111,7 +111,7 @@ impl SimulatedImu {
     /// elements have the temperature of their heads. The plays are in their middle.
     pub fn displace(&mut self, case_c: f64, element_c: f64) {
         self.chamber.displace(case_c, element_c);
-        let head = self.chain.telemetry(self.head_c());
+        let head = self.chain.temperature(self.head_c());
         for play in &mut self.plays {
             *play = SimulatedPlay::new(play.play, head);
         }
@@ -156,18 +156,18 @@ impl SimulatedImu {
     /// part of a pulse that this motion leaves. Time, temperatures and random numbers do not advance.
     pub fn settle(&mut self, motion: &InertialMotion, seconds: f64) {
         let (head_c, board_c) = self.chamber.head_and_board_c();
-        let telemetry = self.gyroscope_telemetry(head_c, board_c);
+        let temperature = self.gyroscope_temperature(head_c, board_c);
         let plays: Vec<_> = self.plays.iter().map(SimulatedPlay::ahead).collect();
         let [_, memory] = self.bias_memory(self.chamber.element_c() - head_c, &plays);
         if let Some(gyroscopes) = &mut self.gyroscopes {
-            gyroscopes.feel(motion, seconds, telemetry, memory.map(|bias| bias * seconds), &mut Triad::default());
+            gyroscopes.feel(motion, seconds, temperature, memory.map(|bias| bias * seconds), &mut Triad::default());
         }
     }
 
     /// What the past adds to the biases of accelerometers \[g0\] and gyroscopes \[deg/h\], with the sensing elements
-    /// `element_c` above their heads \[degC\] and each play ahead of the telemetry by one of `plays`.
+    /// `element_c` above their heads \[degC\] and each play ahead of the temperature by one of `plays`.
     fn bias_memory(&self, element_c: f64, plays: &[f64]) -> [[f64; AXES]; 2] {
-        let difference = self.chain.telemetry_slope * element_c;
+        let difference = self.chain.temperature_slope * element_c;
         core::array::from_fn(|kind| {
             core::array::from_fn(|i| {
                 let hysteresis: f64 = self
@@ -196,7 +196,7 @@ impl SimulatedImu {
         }
     }
 
-    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the telemetry in the
+    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the temperature in the
     /// mean over this time.
     fn move_plays(&mut self, time_s: f64) -> Vec<f64> {
         let mut means = vec![0.0; self.plays.len()];
@@ -207,7 +207,7 @@ impl SimulatedImu {
         let steps = (time_s / PLAY_STEP_S).ceil().max(1.0);
         for _ in 0..steps as u64 {
             chamber.wait(time_s / steps);
-            let head = self.chain.telemetry(chamber.head_and_board_c().0);
+            let head = self.chain.temperature(chamber.head_and_board_c().0);
             for (play, mean) in self.plays.iter_mut().zip(&mut means) {
                 let before = play.ahead();
                 play.follow(head);
@@ -217,12 +217,12 @@ impl SimulatedImu {
         means
     }
 
-    /// True telemetry of the gyroscopes' heads and boards.
-    fn gyroscope_telemetry(&self, head_c: f64, board_c: f64) -> [[f64; AXES]; 2] {
+    /// True temperature of the gyroscopes' heads and boards.
+    fn gyroscope_temperature(&self, head_c: f64, board_c: f64) -> [[f64; AXES]; 2] {
         let chain = &self.chain;
         [
-            chain.gyroscope_head_offset_c.map(|offset_c| chain.telemetry(head_c + offset_c)),
-            chain.gyroscope_board_offset_c.map(|offset_c| chain.telemetry(board_c + offset_c)),
+            chain.gyroscope_head_offset_c.map(|offset_c| chain.temperature(head_c + offset_c)),
+            chain.gyroscope_board_offset_c.map(|offset_c| chain.temperature(board_c + offset_c)),
         ]
     }
 
@@ -245,16 +245,16 @@ impl SimulatedImu {
             triad.negative_pulses = [0; AXES];
         }
         self.count_pulses(&mut raw, &motion.specific_force, [head_c, board_c], memory[0]);
-        let telemetry = self.gyroscope_telemetry(head_c, board_c);
+        let temperature = self.gyroscope_temperature(head_c, board_c);
         if let Some(gyroscopes) = &mut self.gyroscopes {
             // 1 deg/sqrt(h) is 60 arcsec/sqrt(s).
             let size = self.noise.random_walk * 60.0 * ts.sqrt();
             let added = memory[1].map(|bias| bias * ts + size * self.gyroscope_fast.normal());
-            gyroscopes.feel(motion, ts, telemetry, added, &mut raw.gyroscopes);
+            gyroscopes.feel(motion, ts, temperature, added, &mut raw.gyroscopes);
         }
-        // The first sample (sequence 0) always reads the telemetry.
-        if raw.sequence == 0 || raw.timestamp_ns - raw.telemetry_ns >= (self.chain.telemetry_s * 1e9).round() as u64 {
-            self.read_telemetry(&mut raw);
+        // The first sample (sequence 0) always reads the temperature.
+        if raw.sequence == 0 || raw.timestamp_ns - raw.telemetry_ns >= (self.chain.temperature_s * 1e9).round() as u64 {
+            self.read_temperature(&mut raw);
         }
         self.latest = RawSample { sequence: raw.sequence + 1, ..raw };
         raw
@@ -274,10 +274,10 @@ impl SimulatedImu {
         let force = self.misalignment * Vector3::from(*specific_force);
         let white = self.noise.sensor_g0 / ts.sqrt();
         let steady: [f64; AXES] = core::array::from_fn(|i| {
-            let head = chain.telemetry(head_c + chain.head_offset_c[i]);
+            let head = chain.temperature(head_c + chain.head_offset_c[i]);
             force[i] + self.accelerometers.bias(i, head) + memory[i] + white * self.fast.normal()
         });
-        let board = chain.board_offset_c.map(|offset_c| chain.telemetry(board_c + offset_c));
+        let board = chain.board_offset_c.map(|offset_c| chain.temperature(board_c + offset_c));
         let scale_factors = self.accelerometers.scale_factors(board);
         let vibrates = chain.vibration_g0 != 0.0 && chain.vibration_hz > 0.0;
         let steps = if vibrates { (ts * chain.vibration_hz * SUB_STEPS).ceil().max(1.0) } else { 1.0 };
@@ -297,19 +297,19 @@ impl SimulatedImu {
         }
     }
 
-    /// Reads the telemetry at the end of the period.
-    fn read_telemetry(&mut self, raw: &mut RawSample) {
+    /// Reads the temperature at the end of the period.
+    fn read_temperature(&mut self, raw: &mut RawSample) {
         let (head_c, board_c) = self.chamber.head_and_board_c();
-        let (chain, sigma) = (&self.chain, self.noise.telemetry);
-        let read = |triad: &mut Triad,
-                    [head_offset_c, board_offset_c]: [[f64; AXES]; 2],
-                    random: &mut RandomGenerator| {
-            let mut reading = |temperature_c| chain.quantised(chain.telemetry(temperature_c) + sigma * random.normal());
-            for i in 0..AXES {
-                triad.head_temperature[i] = reading(head_c + head_offset_c[i]);
-                triad.board_temperature[i] = reading(board_c + board_offset_c[i]);
-            }
-        };
+        let (chain, sigma) = (&self.chain, self.noise.temperature);
+        let read =
+            |triad: &mut Triad, [head_offset_c, board_offset_c]: [[f64; AXES]; 2], random: &mut RandomGenerator| {
+                let mut reading =
+                    |temperature_c| chain.quantised(chain.temperature(temperature_c) + sigma * random.normal());
+                for i in 0..AXES {
+                    triad.head_temperature[i] = reading(head_c + head_offset_c[i]);
+                    triad.board_temperature[i] = reading(board_c + board_offset_c[i]);
+                }
+            };
         read(&mut raw.accelerometers, [chain.head_offset_c, chain.board_offset_c], &mut self.fast);
         if self.gyroscopes.is_some() {
             let offsets_c = [chain.gyroscope_head_offset_c, chain.gyroscope_board_offset_c];

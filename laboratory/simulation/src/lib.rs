@@ -21,7 +21,7 @@
 //! ```text
 //! chamber   -> head, board          first-order lags; the board is warmer by its own heat                   [degC]
 //! head      -> sensing element L    a first-order lag, if the truth has a time constant                     [degC]
-//!           -> telemetry            U = U0 + s T, plus noise, quantised, read at an interval                [V]
+//!           -> temperature            U = U0 + s T, plus noise, quantised, read at an interval                [V]
 //! turntable -> specific force f     local gravity along the input axes: tilt of the base, positioning error [g0]
 //!           -> angle                its motion, and Earth's rate along the input axes                       [arcsec]
 //!           -> indicated x          accelerometers: M f + A(U_head)                           [g0]

@@ -53,7 +53,7 @@ pub const HEADING_DEG: f64 = 30.0;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// Bias and scale factors, the time constant of the sensing elements behind the true head telemetry, and the
+    /// Bias and scale factors, the time constant of the sensing elements behind the true head temperature, and the
     /// transients of the biases. Its alignment is the inverse of `misalignment`, or absent without misalignment.
     pub table: CoefficientTable,
     /// Hysteresis of the biases, which no table describes.
@@ -187,7 +187,7 @@ impl Truth {
         Ok(Self { latitude_deg: random.between(-70.0, 70.0), heading_deg: random.between(0.0, 360.0), ..truth })
     }
 
-    /// A message about the first telemetry that leaves a range of the table while the chamber is between `low_c` and
+    /// A message about the first temperature that leaves a range of the table while the chamber is between `low_c` and
     /// `high_c` \[degC\]; `None` if none does. A table defines no values outside its ranges, so nothing can be
     /// simulated there.
     #[must_use]
@@ -212,11 +212,11 @@ impl Truth {
                 ("negative_scale_factor", negative_scale_factor, board_c),
             ];
             quantities.into_iter().find_map(|(quantity, polynomial, offset_c)| {
-                let ends = [low_c - margin_c, high_c + margin_c].map(|end_c| chain.telemetry(end_c + offset_c));
+                let ends = [low_c - margin_c, high_c + margin_c].map(|end_c| chain.temperature(end_c + offset_c));
                 let outside = ends.into_iter().find(|&end| polynomial.side(end) != Side::Inside)?;
                 let [low, high] = polynomial.range();
                 Some(format!(
-                    "telemetry {outside:.4} is outside the range {low} to {high} of {section}.{name}.{quantity}"
+                    "temperature {outside:.4} is outside the range {low} to {high} of {section}.{name}.{quantity}"
                 ))
             })
         })
@@ -352,15 +352,15 @@ fn worst_of_triad(axes: &[Axis; AXES], truth: &[Axis; AXES]) -> [f64; 2] {
     worst
 }
 
-/// Typical gyroscopes, with the telemetry of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of
+/// Typical gyroscopes, with the temperature of `chain`, for a truth that has none: some deg/h of bias and some 1e-4 of
 /// scale factor over -25 to 45 degC, K+ and K- about 1 pulse/arcsec, with g-sensitivity and misalignment. Defined
-/// from -40 to 85 degC. `None` if the telemetry of the chain does not change with the temperature.
+/// from -40 to 85 degC. `None` if the temperature of the chain does not change with the temperature.
 #[must_use]
 pub fn typical_gyroscopes(chain: &Chain) -> Option<Gyroscopes> {
-    let [low, high] = [-40.0, 85.0].map(|temperature_c| chain.telemetry(temperature_c));
+    let [low, high] = [-40.0, 85.0].map(|temperature_c| chain.temperature(temperature_c));
     let range = [low.min(high), low.max(high)];
     // Of t = (U - U(10 degC)) / (U(45 degC) - U(10 degC)).
-    let (center, scale) = (chain.telemetry(10.0), 35.0 * chain.telemetry_slope);
+    let (center, scale) = (chain.temperature(10.0), 35.0 * chain.temperature_slope);
     let curve = |coefficients: [f64; 4]| Polynomial::new(&coefficients, center, scale, range);
     let gyroscope = |bias, k: f64, positive: [f64; 3], negative: [f64; 3]| {
         let scale_factor = |k: f64, [c1, c2, c3]: [f64; 3]| curve([k, k * c1, k * c2, k * c3]);

@@ -115,7 +115,7 @@ mod tests {
     ];
 
     /// An IMU with gyroscopes, without transients and plays. Its scale factors are constant, so that
-    /// the age of their telemetry does not matter, and its axes are aligned, so that each shows its own bias.
+    /// the age of their temperature does not matter, and its axes are aligned, so that each shows its own bias.
     fn still() -> Truth {
         let mut content = truth().table.content().clone();
         content.format = 2;
@@ -190,7 +190,7 @@ mod tests {
         /// Mean over the next `seconds` of what transients and plays add, with the air at `air_c` of the time.
         fn mean(&mut self, seconds: f64, air_c: impl Fn(f64) -> f64) -> [[f64; AXES]; 2] {
             let steps = (seconds / Self::STEP_S).round();
-            let slope = self.chain.telemetry_slope;
+            let slope = self.chain.temperature_slope;
             let mut mean = [[0.0; AXES]; 2];
             for _ in 0..steps as u64 {
                 let middle_s = self.time_s + Self::STEP_S / 2.0;
@@ -263,7 +263,7 @@ mod tests {
             };
             let (mut found, mut right) = (Vec::new(), Vec::new());
             for (moved, stood) in ramp(&moving, &schedule, 5).zip(ramp(&still, &schedule, 5)) {
-                // Telemetry, time and sequence do not depend on what the biases do.
+                // Temperature, time and sequence do not depend on what the biases do.
                 assert_eq!(moved.gyroscopes.head_temperature, stood.gyroscopes.head_temperature);
                 found.push(difference([rates(&still, &moved), rates(&still, &stood)]));
                 right.push(exact.mean(interval_s, air_c));

@@ -17,7 +17,7 @@ pub(super) fn truth() -> Truth {
     Truth::new(content(), MISALIGNMENT, TILT_RAD, 9.81).unwrap()
 }
 
-/// Telemetry without quantisation, and a chamber without oscillation.
+/// Temperature without quantisation, and a chamber without oscillation.
 fn steady() -> Chain {
     Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..Chain::default() }
 }
@@ -85,8 +85,8 @@ fn vibration_gives_pulses_on_both_channels_and_leaves_the_mean() {
 }
 
 #[test]
-fn telemetry_is_quantised_and_as_old_as_stated() {
-    let run_1s = RunSchedule { chain: Chain { telemetry_s: 1.0, ..Chain::default() }, ..RunSchedule::default() };
+fn temperature_is_quantised_and_as_old_as_stated() {
+    let run_1s = RunSchedule { chain: Chain { temperature_s: 1.0, ..Chain::default() }, ..RunSchedule::default() };
     let samples: Vec<_> = run(&truth(), &run_1s, 3).take(100).collect();
     for (index, raw) in (0..).zip(&samples) {
         assert_eq!(raw.telemetry_ns, (index / 10 * 10 + 1) * 100_000_000);
@@ -95,10 +95,10 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
             (raw.accelerometers.head_temperature, raw.accelerometers.board_temperature),
             (first.accelerometers.head_temperature, first.accelerometers.board_temperature)
         );
-        for telemetry in raw.accelerometers.head_temperature.into_iter().chain(raw.accelerometers.board_temperature) {
-            let steps = telemetry * 1e6 / 76.0;
-            assert!((steps - steps.round()).abs() < 1e-6, "{telemetry}");
-            assert!(telemetry.to_string().len() <= 8, "{telemetry}");
+        for temperature in raw.accelerometers.head_temperature.into_iter().chain(raw.accelerometers.board_temperature) {
+            let steps = temperature * 1e6 / 76.0;
+            assert!((steps - steps.round()).abs() < 1e-6, "{temperature}");
+            assert!(temperature.to_string().len() <= 8, "{temperature}");
         }
     }
     assert_ne!(samples[0].accelerometers.head_temperature, samples[10].accelerometers.head_temperature);
@@ -107,16 +107,16 @@ fn telemetry_is_quantised_and_as_old_as_stated() {
 }
 
 #[test]
-fn telemetry_gives_the_temperatures_of_head_and_board() {
+fn temperature_gives_the_temperatures_of_head_and_board() {
     let raw =
         SimulatedImu::new(&truth(), &steady(), &Noise::NONE, -25.0, 1).step(&InertialMotion::default(), 1_000_000);
-    for (telemetry, right) in raw.accelerometers.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
-        assert!((telemetry - right).abs() < 1e-12);
+    for (temperature, right) in raw.accelerometers.head_temperature.iter().zip([1.1, 1.125, 1.15]) {
+        assert!((temperature - right).abs() < 1e-12);
     }
-    for (telemetry, right) in raw.accelerometers.board_temperature.iter().zip([1.26, 1.24, 1.22]) {
-        assert!((telemetry - right).abs() < 1e-12);
+    for (temperature, right) in raw.accelerometers.board_temperature.iter().zip([1.26, 1.24, 1.22]) {
+        assert!((temperature - right).abs() < 1e-12);
     }
-    assert!((Chain::default().telemetry(45.0) - 3.9).abs() < 1e-12);
+    assert!((Chain::default().temperature(45.0) - 3.9).abs() < 1e-12);
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn the_campaign_keeps_to_its_schedule() {
         let end_s = visit * (4200 + 12 * 360) + 4200 + dwell * 360 + 60 + (period + 1) * 10;
         assert_eq!((row.raw.timestamp_ns, row.raw.interval_ns), (end_s * 1_000_000_000, 10_000_000_000));
         // After the soak the heads have the chamber's temperature, within the oscillation and six sigma of the
-        // telemetry.
+        // temperature.
         let head_c = (row.raw.accelerometers.head_temperature[0] - 1.1) / 0.04 - 25.0;
         assert!((head_c - row.set_point_c).abs() < 0.05 + 0.02, "{head_c} at {}", row.set_point_c);
     }
@@ -189,7 +189,7 @@ fn the_run_ramps_between_its_holds() {
     assert!((force[1] + 0.48 * 9.81 / 9.8015).abs() < 1e-12);
     for raw in &samples {
         for (dv, force) in compensated(&truth, raw).iter().zip(force) {
-            // Two pulses, and the telemetry is read 5 s after the middle of the row: 1.1 mV, at most 1.7 % per volt.
+            // Two pulses, and the temperature is read 5 s after the middle of the row: 1.1 mV, at most 1.7 % per volt.
             assert!((dv - force * 10.0).abs() < 2.0 * PULSE + 1.2e-4, "{dv} {force}");
         }
     }

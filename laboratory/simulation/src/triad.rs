@@ -52,13 +52,13 @@ impl SimulatedTriad {
         }
     }
 
-    /// Bias of a sensor (0 to 2) at the telemetry of its head, with the offset of the visit \[g0 or deg/h\].
+    /// Bias of a sensor (0 to 2) at the temperature of its head, with the offset of the visit \[g0 or deg/h\].
     #[must_use]
     pub fn bias(&self, axis: usize, head: f64) -> f64 {
         self.axes[axis].bias_at(head).0 + self.offsets[axis].bias
     }
 
-    /// K+ and K- of each converter at the telemetry of its board, with the offsets of the visit.
+    /// K+ and K- of each converter at the temperature of its board, with the offsets of the visit.
     #[must_use]
     pub fn scale_factors(&self, board: [f64; AXES]) -> [[f64; 2]; AXES] {
         core::array::from_fn(|i| {
@@ -117,7 +117,7 @@ impl SimulatedGyroscopes {
     }
 
     /// Adds the pulses of a period of `seconds` with this `motion` to `pulses`. `head` and `board` are the true
-    /// telemetry; `added` is what random walk and the memory of the biases add \[arcsec\].
+    /// temperature; `added` is what random walk and the memory of the biases add \[arcsec\].
     pub fn feel(
         &mut self,
         motion: &InertialMotion,

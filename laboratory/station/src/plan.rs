@@ -41,7 +41,7 @@ impl SimulatedStation {
                 (format!("imus = [\n{}]\n", items.collect::<String>()), String::new())
             }
         };
-        let telemetry = self.chain.telemetry_slope.abs();
+        let temperature = self.chain.temperature_slope.abs();
         Some(format!(
             "# The campaign at this simulated station: isotherm campaign run --speed {} plan.toml\n\
              format = 1\n{imus}output = \"campaign\"\n\
@@ -61,7 +61,7 @@ impl SimulatedStation {
             self.gravity_local,
             quoted(&content.temperature_unit),
             // 0.75 degC/h.
-            (telemetry * 750.0).round() / 1000.0,
+            (temperature * 750.0).round() / 1000.0,
             quoted(&self.chamber_port),
             quoted(&self.table_port),
         ))

@@ -122,7 +122,7 @@ def write_ros(
     """Writes increments of an IMU as sensor_msgs/msg/Imu in MCAP, as `isotherm replay` does with a file named .mcap.
 
     A metadata record names `table`, which has computed them, and `table_file`, the name of its file. With the `samples` of the increments, in the
-    same order, the head telemetry becomes sensor_msgs/msg/Temperature, if the table's telemetry is in degC.
+    same order, the head temperature becomes sensor_msgs/msg/Temperature, if the table's temperature is in degC.
     """
     data = as_bytes(records(increments, INCREMENT))
     raw = None if samples is None else sample_bytes(samples)

@@ -15,7 +15,7 @@ _Doubles = npt.NDArray[np.float64]
 _Path = str | os.PathLike[str]
 _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
-_Telemetry = Sequence[float] | npt.NDArray[np.floating[Any]]
+_Temperature = Sequence[float] | npt.NDArray[np.floating[Any]]
 _Lagged = tuple[int, float, float, float, int]
 
 __all__ = [
@@ -71,7 +71,7 @@ class Acquisition:
 
     Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
 
-    `serial` is the serial number of the unit whose samples it sends. `lag` says which time constant their lagged telemetry has: "service" that
+    `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged temperature has: "service" that
     of the table in force, a number [s], or None: the library keeps no lag then.
     """
 
@@ -118,19 +118,19 @@ class Acquisition:
 
         Raises IsothermError if samples are unanswered or kept.
         """
-    def reading(self, name: str, telemetry: float, time_ns: int) -> None:
-        """Takes a new reading of the head telemetry of a sensor, A1 to G3, measured at `time_ns` on the acquisition's clock.
+    def reading(self, name: str, temperature: float, time_ns: int) -> None:
+        """Takes a new reading of the head temperature of a sensor, A1 to G3, measured at `time_ns` on the acquisition's clock.
 
-        Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged telemetry.
+        Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged temperature.
         """
     @property
     def lag_ns(self) -> int:
         """The time constant that samples are sent with [ns]; 0 while there is none."""
     def lag_state(self) -> list[_Lagged | None]:
-        """The state of the lag, which `json` can keep: for each sensor None, or time, telemetry and lagged telemetry of its last reading,
+        """The state of the lag, which `json` can keep: for each sensor None, or time, temperature and lagged temperature of its last reading,
         the share of an unknown start, and the number of the machine's start that the time is of."""
     def restore_lag(self, state: Sequence[Sequence[float] | None]) -> None:
-        """Goes on with a state of `lag_state`, on the same clock, as if the telemetry had gone straight on in the pause.
+        """Goes on with a state of `lag_state`, on the same clock, as if the temperature had gone straight on in the pause.
 
         A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`. So are all of a state
         that was kept before the machine was started anew. If your clock goes on over that, set the last number of each sensor to 0.
@@ -161,7 +161,7 @@ class Acquisition:
         """Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept` sends it.
 
         Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another unit, a missing interval,
-        telemetry that is not finite on one side, missing time; a record is never added to another. A sum of readings has 64 nominal
+        temperature that is not finite on one side, missing time; a record is never added to another. A sum of readings has 64 nominal
         intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL; where the table is not known, since `lag` is not "service" or the
         table has been replaced, 64 periods. At most 16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as
         `lost`, and as many sequences are left out: a gap for every reader.
@@ -200,7 +200,7 @@ class Acquisition:
         """Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed` does.
 
         At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for `timeout` seconds.
-        If no sample has a `lag_ns`, their telemetry is followed: a value that differs from the last one is a reading.
+        If no sample has a `lag_ns`, their temperature is followed: a value that differs from the last one is a reading.
         With `new_session` the run is a session of its own; without it, its sequences must rise above those sent before.
         """
 
@@ -232,7 +232,7 @@ class Loan:
     def telemetry_ns(self, value: int) -> None: ...
     @property
     def lag_ns(self) -> int:
-        """Time constant of the lagged telemetry [ns]. 0 until it is sent, unless you fill it in."""
+        """Time constant of the lagged temperature [ns]. 0 until it is sent, unless you fill it in."""
     @lag_ns.setter
     def lag_ns(self, value: int) -> None: ...
     @property
@@ -245,7 +245,7 @@ class Loan:
         """A1, A2, A3."""
     @property
     def gyroscopes(self) -> Triad:
-        """G1, G2, G3; where the IMU has none, no pulses and telemetry NaN (or 0)."""
+        """G1, G2, G3; where the IMU has none, no pulses and temperature NaN (or 0)."""
     @property
     def sent(self) -> bool:
         """Whether it has been sent."""
@@ -254,7 +254,7 @@ class Loan:
     def cancel(self) -> None:
         """Gives the loan back, as it stands for no control period: takes its sequence back, if it is the last loan's."""
     def merge(self, later: Loan | Records | np.void) -> None:
-        """Adds the next control period: pulses and intervals are summed, timestamp and telemetry become the later ones.
+        """Adds the next control period: pulses and intervals are summed, timestamp and temperature become the later ones.
 
         A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is dropped, that is one
         sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
@@ -278,19 +278,19 @@ class Triad:
     def negative_pulses(self, values: _Pulses) -> None: ...
     @property
     def head_temperature(self) -> _Triple:
-        """Telemetry of the sensing elements, in the table's unit."""
+        """Temperature of the sensing elements, in the table's unit."""
     @head_temperature.setter
-    def head_temperature(self, values: _Telemetry) -> None: ...
+    def head_temperature(self, values: _Temperature) -> None: ...
     @property
     def board_temperature(self) -> _Triple:
-        """Telemetry of the converter boards, in the table's unit."""
+        """Temperature of the converter boards, in the table's unit."""
     @board_temperature.setter
-    def board_temperature(self, values: _Telemetry) -> None: ...
+    def board_temperature(self, values: _Temperature) -> None: ...
     @property
     def head_lagged(self) -> _Triple:
-        """The head telemetry behind its lag. It is filled in when the sample is sent, if `lag_ns` is 0 then."""
+        """The head temperature behind its lag. It is filled in when the sample is sent, if `lag_ns` is 0 then."""
     @head_lagged.setter
-    def head_lagged(self, values: _Telemetry) -> None: ...
+    def head_lagged(self, values: _Temperature) -> None: ...
 
 @final
 class Increment:
@@ -347,9 +347,9 @@ class Readings:
     @property
     def interval_ns(self) -> int:
         """The nominal interval between two samples [ns]."""
-    def fill(self, sample: Loan, specific_force: _Telemetry, angular_rate: _Telemetry | None = None) -> None:
+    def fill(self, sample: Loan, specific_force: _Temperature, angular_rate: _Temperature | None = None) -> None:
         """Writes the pulses of a sample: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each the mean over the sample's
-        interval. Without `angular_rate` the gyroscopes become absent: no pulses, and telemetry NaN.
+        interval. Without `angular_rate` the gyroscopes become absent: no pulses, and temperature NaN.
 
         An `interval_ns` of 0, as a loan has, becomes the nominal one; another one is kept, and the pulses are those of that interval. Raises
         ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over 2**32 - 1 pulses.
@@ -446,13 +446,13 @@ class Table:
         """Body-frame angle increment = matrix * sensor increment."""
     @property
     def lag_s(self) -> float | None:
-        """Time constant of the lagged telemetry [s]."""
+        """Time constant of the lagged temperature [s]."""
     @property
     def nominal_interval_s(self) -> float | None:
         """The control period that the scale factors are of [s]; None if they are of none."""
     @property
     def device(self) -> int:
-        """The number of the unit that it belongs to: `device(serial)`; 0 without a serial number."""
+        """The number of the device that it belongs to: `device(serial)`; 0 without a serial number."""
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
 
@@ -464,16 +464,16 @@ class Axis:
     def name(self) -> str: ...
     @property
     def bias(self) -> Polynomial:
-        """Bias against head telemetry."""
+        """Bias against head temperature."""
     @property
     def transient(self) -> float:
-        """What the bias has in addition for each unit of (lagged - present) head telemetry, in `bias.unit`; 0 for none."""
+        """What the bias has in addition for each unit of (lagged - present) head temperature, in `bias.unit`; 0 for none."""
     @property
     def positive_scale_factor(self) -> Polynomial:
-        """K+ against board telemetry."""
+        """K+ against board temperature."""
     @property
     def negative_scale_factor(self) -> Polynomial:
-        """K- against board telemetry, negative."""
+        """K- against board temperature, negative."""
     @property
     def max_rate(self) -> float | None:
         """Plausibility limit [pulse/s]."""
@@ -483,24 +483,24 @@ class Axis:
 
 @final
 class Polynomial:
-    """A polynomial of telemetry. A call evaluates it as the service does, inside its range or outside."""
+    """A polynomial of temperature. A call evaluates it as the service does, inside its range or outside."""
 
     @property
     def unit(self) -> str: ...
     @property
     def coefficients(self) -> _Doubles:
-        """The coefficients of (telemetry - center) / scale, c0 first."""
+        """The coefficients of (temperature - center) / scale, c0 first."""
     @property
     def center(self) -> float: ...
     @property
     def scale(self) -> float: ...
     @property
     def range(self) -> tuple[float, float]:
-        """Lower and upper end of the calibrated telemetry."""
+        """Lower and upper end of the calibrated temperature."""
     @overload
-    def __call__(self, telemetry: float) -> float: ...
+    def __call__(self, temperature: float) -> float: ...
     @overload
-    def __call__(self, telemetry: npt.NDArray[Any]) -> _Doubles: ...
+    def __call__(self, temperature: npt.NDArray[Any]) -> _Doubles: ...
 
 @final
 class Stability:
@@ -617,14 +617,14 @@ class Batch:
         """The IMUs, in the order of the values."""
     @property
     def stand_outs(self) -> list[tuple[str, str, float]] | None:
-        """(IMU, quantity, t) of each value that stands out from the others; None under five units."""
+        """(IMU, quantity, t) of each value that stands out from the others; None under five devices."""
     def report(self, path: _Path) -> None:
         """Writes the report (HTML)."""
 
-def compare(named: Sequence[tuple[str, Table]], other_unit: bool) -> Comparison: ...
+def compare(named: Sequence[tuple[str, Table]], other_device: bool) -> Comparison: ...
 def batch(named: Sequence[tuple[str, Table]]) -> Batch: ...
 def device(serial: str) -> int:
-    """The number of the unit with this serial number, which every sample carries; 0 for blanks."""
+    """The number of the device with this serial number, which every sample carries; 0 for blanks."""
 
 @final
 class Exported:
@@ -719,7 +719,7 @@ def verify(
     recording: str,
 ) -> Stability: ...
 def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str) -> tuple[str, str, str | None]: ...
-def noise_of_rates(rates: _Doubles, interval_s: float, telemetry: _Doubles | None) -> str: ...
+def noise_of_rates(rates: _Doubles, interval_s: float, temperature: _Doubles | None) -> str: ...
 def calibrate_campaign(
     text: str,
     path: _Path,

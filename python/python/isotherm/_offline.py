@@ -39,7 +39,7 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     """The increments of raw samples, bit for bit those of the service; `latency_ns` is 0.
 
     An array gives an array of the same shape. A data frame with the columns of a recording gives one with the columns of
-    recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged telemetry is computed from
+    recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged temperature is computed from
     the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter for the increments.
 
     As the command, it warns where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
@@ -78,7 +78,7 @@ def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
 
 def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
     """Writes raw samples as a recording, without `session`, and without what is 0 in all samples: `telemetry_ns`, `device`, the lagged
-    telemetry and the gyroscopes.
+    temperature and the gyroscopes.
     """
     _isotherm.write_recording(path, sample_bytes(samples))
 
@@ -111,7 +111,7 @@ def verify(
 
     Gyroscopes are judged where the table and the samples have them. `angles` are the outer and the inner angle [deg] of the turntable that the
     table's campaign was measured on. With the provenance of the table they give Earth's rate along the gyroscopes, which is taken off, and the
-    attitude. Without them only the variation of the gyroscopes is judged. Samples of another unit than the table's are refused, unless
+    attitude. Without them only the variation of the gyroscopes is judged. Samples of another device than the table's are refused, unless
     `other_device` is True.
 
     No bound is met where the run leaves out more than a tenth of a curve's range at one place, unless `accept` has "not-covered".
@@ -161,7 +161,7 @@ def noise(
     samples: Records | pd.DataFrame | npt.ArrayLike,
     *,
     interval: float | None = None,
-    telemetry: npt.ArrayLike | None = None,
+    temperature: npt.ArrayLike | None = None,
     table: Table | None = None,
     start: float = 0.0,
     end: float = math.inf,
@@ -176,7 +176,7 @@ def noise(
     g0 and deg/h; without one they are counts a second. The result is the document of `isotherm noise --json`. `report` (HTML) and `kalibr`
     (imu.yaml, needs a table) are files that are written. `recording` is the name of the samples in messages and files.
 
-    With `interval` [s], `samples` are the rates of one sensor instead, in any unit, that far apart; `telemetry` are temperatures of the same
+    With `interval` [s], `samples` are the rates of one sensor instead, in any unit, that far apart; `temperature` are temperatures of the same
     length, if the part that a straight line in them explains is to be seen. The result is what the document has for one sensor, with "unit" for
     the unit of the rates. All rates are used: nothing looks for gaps or movement.
 
@@ -187,13 +187,13 @@ def noise(
             raise ValueError(f"interval is {interval}, give seconds over 0")
         if table is not None or report is not None or kalibr is not None or (start, end) != (0.0, math.inf):
             raise ValueError("table, start, end, report and kalibr are for samples of a recording, not for rates with an interval")
-        rates, heads = flat_doubles(samples), None if telemetry is None else flat_doubles(telemetry)
+        rates, heads = flat_doubles(samples), None if temperature is None else flat_doubles(temperature)
         if heads is not None and len(heads) != len(rates):
-            raise ValueError("rates and telemetry must be of one length")
+            raise ValueError("rates and temperature must be of one length")
         text = _isotherm.noise_of_rates(rates, interval, heads)
     else:
-        if telemetry is not None:
-            raise ValueError("telemetry is for rates with an interval; samples have their own")
+        if temperature is not None:
+            raise ValueError("temperature is for rates with an interval; samples have their own")
         if not 0.0 <= start < end:
             raise ValueError(f"start is {start}, end is {end}: give seconds from 0, the start before the end")
         if kalibr is not None and table is None:
@@ -249,7 +249,7 @@ class Calibration:
     def summary(self) -> dict[str, Any]:
         """The figures: the document of `isotherm calibrate --json`. Keys have their unit at the end; what is not known is None.
 
-        By axis `bias_interval_g0`, `scale_factor_interval_ppm`: the largest 95 % half widths at one telemetry (pointwise);
+        By axis `bias_interval_g0`, `scale_factor_interval_ppm`: the largest 95 % half widths at one temperature (pointwise);
         `bias_band_g0`, `scale_factor_band_ppm`: those that hold for a whole curve at once; `misalignment_rad` with its 95 % half
         widths. Then the orders of the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
         `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate. Under `transients`, of a
@@ -335,8 +335,8 @@ def calibrate_turntable(
     interval and 1e-6 rad. The matrix turns the axes of the output: a vehicle must keep the choice that it was boresighted with.
 
     `accept` lists names of findings: a fault of this name is only a warning, and the provenance has the name. With `strict` every
-    warning that is not accepted is a fault. Faults raise CalibrationError. Samples of another unit than the campaign's serial number says,
-    or of two units, are a fault unless `other_device`.
+    warning that is not accepted is a fault. Faults raise CalibrationError. Samples of another device than the campaign's serial number says,
+    or of two devices, are a fault unless `other_device`.
 
     The ramps that the campaign names are read too, relative to it (of a mapping: to the current folder). `lag` is the time constant
     of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
@@ -398,7 +398,7 @@ def fit_options(
         "window": None,
         "scale_factor": "auto",
         "misalignment": True,
-        "standstills": [],
+        "static_poses": [],
         "temperature_range": None,
         "place": None,
         "foreign": (None, None, None, (None, None, None, None, "header"), None),
@@ -409,20 +409,20 @@ def fit_options(
     return options | given
 
 
-def compare(*tables: Table | Calibration | AnyPath, other_unit: bool = False) -> Comparison:
+def compare(*tables: Table | Calibration | AnyPath, other_device: bool = False) -> Comparison:
     """Compares tables of one IMU, as `isotherm compare` does: the old one and the new one, or three or more by their dates.
 
-    A table is a path, a Table, or the Calibration that made it. Their errors and dates come from the provenance. With `other_unit` the tables may be
+    A table is a path, a Table, or the Calibration that made it. Their errors and dates come from the provenance. With `other_device` the tables may be
     of different IMUs. Raises ComparisonError if they cannot be compared.
     """
-    return _isotherm.compare(_named(tables), other_unit)
+    return _isotherm.compare(_named(tables), other_device)
 
 
 def batch(tables: Iterable[Table | Calibration | AnyPath]) -> Batch:
     """The statistics of tables of different IMUs of one kind: how they spread, which IMU stands out, and whether one curve fits all.
 
     A table is a path, a Table, or the Calibration that made it. Raises ComparisonError if there are fewer than two, if two are of one IMU, or if their
-    telemetry is in different units.
+    temperature is in different units.
     """
     return _isotherm.batch(_named(tables))
 

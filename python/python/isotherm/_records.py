@@ -77,7 +77,7 @@ WINDOW: np.dtype[np.void] = np.dtype(
 """Means over one window of a verification."""
 
 OPTIONAL = frozenset({"session", "sent_ns", "telemetry_ns", "lag_ns", "device", "gyroscopes", "head_lagged"})
-"""Fields that may be missing; they become 0 then, and the telemetry of missing gyroscopes NaN."""
+"""Fields that may be missing; they become 0 then, and the temperature of missing gyroscopes NaN."""
 
 Path: TypeAlias = tuple[str, ...]
 """Where a value is in a record: the name of a field, or of a triad and its field."""
@@ -182,7 +182,7 @@ def is_frame(values: object) -> bool:
 
 
 PARTS = {"positive_pulses": "positive", "negative_pulses": "negative", "head_temperature": "head", "board_temperature": "board"}
-"""The ends of a triad's columns in a recording, without those of the lagged telemetry."""
+"""The ends of a triad's columns in a recording, without those of the lagged temperature."""
 
 
 def _wanted(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[Path, list[str]]:

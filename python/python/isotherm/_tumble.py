@@ -1,4 +1,4 @@
-"""Calibration and verification without a turntable: the IMU is put down by hand, and the length of gravity is the reference."""
+"""Calibration and verification without a turntable: the device is tumbled, and the length of gravity is the reference."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def calibrate_tumble(
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> Calibration:
-    """Makes a table of recordings of an IMU that was put down by hand in many attitudes, as `isotherm calibrate tumble` does.
+    """Makes a table of recordings of a tumble, as `isotherm calibrate tumble` does.
 
     `campaign` is the path of a campaign file with `method = "gravity-only"`, or a mapping with `imu`, `gravity_local`, `gravity_reference` [m/s2] and
     `temperature_unit`. `recordings` is one recording or a list: arrays of RAW_SAMPLE, data frames with the columns of a recording, or paths of
     files. Without them the files that the campaign names are read. A file may be of another program: `mapping` to `instance` are then those of
     `convert`. `start` and `end` leave out what is before and after in each recording, as those of `convert`.
 
-    `window` [s] is that of the search for standstills, 0.5 or 1 s without it. `exclude` lists numbers of standstills. Where the telemetry is
+    `window` [s] is that of the search for static_poses, 0.5 or 1 s without it. `exclude` lists numbers of static_poses. Where the temperature is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
     mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
     those of `calibrate_turntable`. Raises CalibrationError with the parameters that the attitudes do not determine.
@@ -74,7 +74,7 @@ def calibrate_tumble(
         window=window,
         scale_factor=scale_factor,
         misalignment=misalignment,
-        standstills=list(exclude),
+        static_poses=list(exclude),
         temperature_range=temperature_range,
         place=place,
         foreign=foreign(mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
@@ -92,10 +92,10 @@ def lengths(
     other_device: bool = False,
     require: str | None = None,
 ) -> dict[str, Any]:
-    """Compares the length of the output over each standstill with local gravity: the document of `isotherm verify --standstills --json`.
+    """Compares the length of the output over each static pose with local gravity: the document of `isotherm verify --static-poses --json`.
 
     `gravity_local` [m/s2] is that of the table's provenance unless given. `require` is as that of the command, for example "scale=500ppm"; the document
-    has `met` and the judgements. Samples of another unit than the table's are refused, unless `other_device`. Raises StabilityError if there are no standstills, or if local gravity is unknown.
+    has `met` and the judgements. Samples of another device than the table's are refused, unless `other_device`. Raises StabilityError if there are no static_poses, or if local gravity is unknown.
     """
     _positive("window", window)
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:

@@ -1,4 +1,4 @@
-//! Bias curves as powers of telemetry about one temperature.
+//! Bias curves as powers of temperature about one temperature.
 
 use isotherm_shared::polynomial::Polynomial;
 

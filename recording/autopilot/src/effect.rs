@@ -18,7 +18,7 @@ pub enum Effect {
     NegativeScale,
     /// An alignment matrix.
     Alignment,
-    /// Biases that depend on the lagged telemetry.
+    /// Biases that depend on the lagged temperature.
     Lag,
     /// Gyroscopes that feel specific force.
     GSensitivity,

@@ -96,9 +96,9 @@ pub enum ExportError {
     /// A calibration temperature that cannot be.
     #[error("parameters of a table: {0}")]
     At(String),
-    /// The telemetry is no temperature in degC.
+    /// The temperature is no temperature in degC.
     #[error(
-        "parameters of a table: its telemetry is in {0:?}, and autopilots have degC; calibrate against the temperature"
+        "parameters of a table: its temperature is in {0:?}, and autopilots have degC; calibrate against the temperature"
     )]
     Unit(String),
     /// The table has what parameters cannot say.

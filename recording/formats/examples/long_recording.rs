@@ -1,5 +1,5 @@
 //! Writes a long recording of an IMU at rest, for figures: `long_recording HOURS FILE.parquet`, or `FILE.mcap`. Rows of
-//! 1 ms, six sensors, telemetry once a second.
+//! 1 ms, six sensors, temperature once a second.
 
 use isotherm_files::Disk;
 use isotherm_recording::rows::RecordedRow;

@@ -12,6 +12,7 @@ mod chain;
 mod clock;
 mod columns;
 mod decimal;
+mod fixer;
 mod foreign;
 mod found;
 mod header_units;
@@ -22,7 +23,6 @@ mod known;
 mod layouts;
 mod looked;
 mod mapping;
-mod mender;
 mod novatel;
 mod opening;
 mod placed;
@@ -103,7 +103,7 @@ pub struct Conversion {
     rows: u64,
     gaps: Gaps,
     steps: IntervalSteps,
-    telemetry: TemperatureRange,
+    temperature: TemperatureRange,
     ended: bool,
 }
 
@@ -322,7 +322,7 @@ impl Conversion {
             rows: 0,
             gaps: Gaps::default(),
             steps: IntervalSteps::new(nominal_ns),
-            telemetry: TemperatureRange::default(),
+            temperature: TemperatureRange::default(),
             ended: false,
         })
     }
@@ -362,12 +362,12 @@ impl Conversion {
     pub fn scale(&self) -> Result<Scale, String> {
         let source = &self.input.source;
         let Units { resolution, largest, devices } = source.units()?;
-        let telemetry = self.telemetry.range().ok_or("no row has telemetry; give the temperature")?;
+        let temperature = self.temperature.range().ok_or("no row has temperature; give the temperature")?;
         let has_gyroscopes = source.has_gyroscopes();
-        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, telemetry })
+        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, temperature })
     }
 
-    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with telemetry in degC and standard
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with temperature in degC and standard
     /// gravity. Valid after the last row.
     ///
     /// # Errors
@@ -482,7 +482,7 @@ impl Conversion {
     /// Takes a row that is not left out.
     pub(crate) fn keep(&mut self, sample: &RawSample) {
         self.rows += 1;
-        self.telemetry.take(sample);
+        self.temperature.take(sample);
     }
 
     /// The failure of a row.

@@ -8,7 +8,7 @@ use isotherm_shared::wire::AXES;
 type ImuMetric = (Metric, fn(&ImuStatus) -> Option<f64>);
 /// A metric with one value for each worker.
 type WorkerMetric = (Metric, fn(&WorkerStatus) -> f64);
-/// Chooses a sensor's telemetry value or one end of its range.
+/// Chooses a sensor's temperature value or one end of its range.
 type ChooseValue = fn(Option<f64>, Option<[f64; 2]>) -> Option<f64>;
 
 /// Declares every metric once: those of an IMU with their values, and a constant of each other.
@@ -84,8 +84,8 @@ metrics! {
         "Digest and file of the table in force; always 1, absent without one.";
     TABLE_CHANGE = gauge "isotherm_table_change" [imu, curve, unit]
         "Largest change of a curve by the table in force, in the label unit; absent if there was none before.";
-    TELEMETRY = gauge "isotherm_telemetry" [imu, axis, place]
-        "Temperature telemetry of the last sample, in the table's unit, by axis (a1 to a3; g1 to g3 where the table \
+    TEMPERATURE = gauge "isotherm_telemetry" [imu, axis, place]
+        "Temperature of the last sample, in the table's unit, by axis (a1 to a3; g1 to g3 where the table \
          has gyroscopes) and place (head, board); absent where it is not finite.";
     RANGE_LOW = gauge "isotherm_telemetry_range_low" [imu, axis, place]
         "Where the table's calibrated range begins, in its unit.";
@@ -126,7 +126,7 @@ pub(crate) fn render(text: &mut MetricsText, status: &ServiceStatus) {
     flags(text, status);
     latency(text, status);
     tables(text, status);
-    telemetry(text, status);
+    temperature(text, status);
     workers(text, status);
     process(text, status);
 }
@@ -181,11 +181,11 @@ fn tables(text: &mut MetricsText, status: &ServiceStatus) {
     }
 }
 
-/// The table gives the unit of telemetry, so the metric's name has none. An IMU without gyroscopes has no series of
+/// The table gives the unit of temperature, so the metric's name has none. An IMU without gyroscopes has no series of
 /// them.
-fn telemetry(text: &mut MetricsText, status: &ServiceStatus) {
+fn temperature(text: &mut MetricsText, status: &ServiceStatus) {
     let families: [(Metric, ChooseValue); 3] = [
-        (TELEMETRY, |value, _| value),
+        (TEMPERATURE, |value, _| value),
         (RANGE_LOW, |_, range| Some(range?[0])),
         (RANGE_HIGH, |_, range| Some(range?[1])),
     ];

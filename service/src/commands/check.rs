@@ -207,7 +207,7 @@ fn refused_here(config: &Config) -> Vec<String> {
 /// What only tables of format 2 have, in lines of their own.
 fn format_2(content: &Content) -> String {
     let unit = &content.temperature_unit;
-    let mut text = content.lag_s.map_or(String::new(), |lag_s| format!("\n  lag of the head telemetry: {lag_s} s"));
+    let mut text = content.lag_s.map_or(String::new(), |lag_s| format!("\n  lag of the head temperature: {lag_s} s"));
     let gyroscopes = content.gyroscopes.as_ref();
     let triads =
         [(SensorKind::Accelerometer, Some(&content.axes)), (SensorKind::Gyroscope, gyroscopes.map(|g| &g.axes))];

@@ -86,8 +86,8 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
     writeln!(text, "\n{}", imu.id)?;
     describe_table(text, imu)?;
     if let Some(ranges) = &imu.ranges {
-        let telemetry = [&imu.head_temperature, &imu.board_temperature];
-        describe_triad(text, SensorKind::Accelerometer, ranges, telemetry)?;
+        let temperature = [&imu.head_temperature, &imu.board_temperature];
+        describe_triad(text, SensorKind::Accelerometer, ranges, temperature)?;
     }
     if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature }) = &imu.gyroscopes {
         describe_triad(text, SensorKind::Gyroscope, ranges, [head_temperature, board_temperature])?;
@@ -204,7 +204,7 @@ fn changed(changes: &[TableChange]) -> Option<String> {
     (!all.is_empty()).then(|| all.join(", "))
 }
 
-/// The last telemetry of a triad's heads and boards, with the ranges that its table is for.
+/// The last temperature of a triad's heads and boards, with the ranges that its table is for.
 fn describe_triad(
     text: &mut String,
     kind: SensorKind,

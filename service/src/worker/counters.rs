@@ -2,7 +2,7 @@
 //! does not compile.
 //!
 //! Only the one writer stores: it needs no atomic addition, a load and a store are enough. It stores values before the
-//! counts that tell of them, and a reader loads a count before its values: a counted sample has its telemetry, a
+//! counts that tell of them, and a reader loads a count before its values: a counted sample has its temperature, a
 //! counted flag its unit.
 //!
 //! A second writer does not compile:
@@ -45,8 +45,8 @@ use std::sync::{Arc, OnceLock};
 const FLAGS: usize = 51;
 /// The bit of [`Flags::OTHER_DEVICE`].
 const OTHER_DEVICE: usize = Flags::OTHER_DEVICE.0.trailing_zeros() as usize;
-/// Head and board telemetry of both triads.
-const TELEMETRY: usize = 4 * AXES;
+/// Head and board temperature of both triads.
+const TEMPERATURE: usize = 4 * AXES;
 
 /// The counters of one IMU since the start of the service.
 #[derive(Debug, Default)]
@@ -71,11 +71,11 @@ struct Counters {
     last_other_device: AtomicU64,
     /// The same of the last sample that had [`Flags::OTHER_DEVICE`].
     other_device: AtomicU64,
-    /// Time constant of the lagged telemetry of the last sample \[ns\].
+    /// Time constant of the lagged temperature of the last sample \[ns\].
     lag_ns: AtomicU64,
-    /// Temperature telemetry of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of
+    /// Temperature of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of
     /// the gyroscopes.
-    telemetry: [AtomicU64; TELEMETRY],
+    temperature: [AtomicU64; TEMPERATURE],
     latency: Histogram,
 }
 
@@ -159,8 +159,8 @@ impl CounterWriter {
             counters.other_device.store(raw.device, Release);
         }
         let [a, g] = [&raw.accelerometers, &raw.gyroscopes];
-        let telemetry = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
-        for (kept, value) in counters.telemetry.iter().zip(telemetry.as_flattened()) {
+        let temperature = [a.head_temperature, a.board_temperature, g.head_temperature, g.board_temperature];
+        for (kept, value) in counters.temperature.iter().zip(temperature.as_flattened()) {
             kept.store(value.to_bits(), Relaxed);
         }
         add(&counters.received, 1);
@@ -271,17 +271,17 @@ impl CounterReader {
         (device != 0 && self.0.table.load(Relaxed) == table).then_some(OtherDevice { device, table })
     }
 
-    /// Time constant of the lagged telemetry of the last sample \[ns\], 0 if it has none.
+    /// Time constant of the lagged temperature of the last sample \[ns\], 0 if it has none.
     pub fn lag_ns(&self) -> u64 {
         self.0.lag_ns.load(Relaxed)
     }
 
-    /// Telemetry of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come
+    /// Temperature of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come
     /// yet.
-    pub fn telemetry(&self, kind: SensorKind) -> [[Option<f64>; AXES]; 2] {
+    pub fn temperature(&self, kind: SensorKind) -> [[Option<f64>; AXES]; 2] {
         let has_sample = self.received() > 0;
         let value = |place: usize| {
-            let value = f64::from_bits(self.0.telemetry[place].load(Relaxed));
+            let value = f64::from_bits(self.0.temperature[place].load(Relaxed));
             (has_sample && value.is_finite()).then_some(value)
         };
         let heads = match kind {
@@ -333,10 +333,10 @@ mod tests {
     use isotherm_shared::wire::Triad;
 
     #[test]
-    fn telemetry_is_given_only_when_it_has_come_and_is_finite() {
+    fn temperature_is_given_only_when_it_has_come_and_is_finite() {
         let (mut writer, reader) = counters();
-        let telemetry = || [SensorKind::Accelerometer, SensorKind::Gyroscope].map(|kind| reader.telemetry(kind));
-        assert_eq!(telemetry(), [[[None; 3]; 2]; 2]);
+        let temperature = || [SensorKind::Accelerometer, SensorKind::Gyroscope].map(|kind| reader.temperature(kind));
+        assert_eq!(temperature(), [[[None; 3]; 2]; 2]);
         let triad =
             |head_temperature, board_temperature| Triad { head_temperature, board_temperature, ..Triad::default() };
         let raw = RawSample {
@@ -349,7 +349,7 @@ mod tests {
             [[Some(1.0), None, Some(-3.0)], [Some(4.0), Some(5.0), None]],
             [[Some(6.0), Some(7.0), Some(8.0)], [Some(9.0), None, Some(-11.0)]],
         ];
-        assert_eq!(telemetry(), expected);
+        assert_eq!(temperature(), expected);
     }
 
     #[test]
@@ -421,11 +421,11 @@ mod explored {
     }
 
     #[test]
-    fn explored_a_counted_sample_has_its_telemetry() {
+    fn explored_a_counted_sample_has_its_temperature() {
         let found = explore(|| {
             let reader = answer(1, |reader| {
                 let received = reader.received();
-                let [[head, ..], _] = reader.telemetry(SensorKind::Accelerometer);
+                let [[head, ..], _] = reader.temperature(SensorKind::Accelerometer);
                 assert!(received == 0 || head == Some(1.0), "{received} {head:?}");
             });
             assert_eq!(reader.received(), 1);
@@ -447,7 +447,7 @@ mod explored {
 
     /// A worker takes tables while another thread looks. The unit of each table's samples is ten times its id.
     #[test]
-    fn explored_another_unit_is_found_with_the_table_of_its_sample() {
+    fn explored_another_device_is_found_with_the_table_of_its_sample() {
         for look in [CounterReader::other_device, CounterReader::last_other_device] {
             let found = explore(move || {
                 let (mut writer, reader) = counters();

@@ -10,14 +10,14 @@ pub const GRAVITY_RANGE: [f64; 2] = [9.7, 9.9];
 /// Accepted range of the nominal interval \[s\]: from the resolution of a sample's interval to the longest one.
 pub const NOMINAL_INTERVAL_RANGE: [f64; 2] = [1e-9, 3600.0];
 
-/// Accepted range of the time constant of the lagged telemetry \[s\].
+/// Accepted range of the time constant of the lagged temperature \[s\].
 pub const LAG_RANGE: [f64; 2] = [0.1, 86_400.0];
 
 /// Largest absolute value of a g-sensitivity \[deg/h/g0\].
 pub const MAX_G_SENSITIVITY: f64 = 3600.0;
 
 /// A transient term without a time constant.
-pub(super) const NO_LAG: &str = "needs the time constant of the lagged telemetry; give [lag] with time_constant_s";
+pub(super) const NO_LAG: &str = "needs the time constant of the lagged temperature; give [lag] with time_constant_s";
 
 pub(super) fn gravity_fault(gravity: f64) -> Option<String> {
     let [low, high] = GRAVITY_RANGE;
@@ -37,7 +37,7 @@ pub(super) fn max_age_fault(age: f64) -> Option<String> {
 pub(super) fn lag_fault(time_constant: f64) -> Option<String> {
     let [low, high] = LAG_RANGE;
     (!(low..=high).contains(&time_constant))
-        .then(|| format!("is {time_constant:?}, give the time constant of the lagged telemetry, {low} to {high} s"))
+        .then(|| format!("is {time_constant:?}, give the time constant of the lagged temperature, {low} to {high} s"))
 }
 
 pub(super) fn max_rate_fault(rate: f64) -> Option<String> {
@@ -57,7 +57,7 @@ pub(super) fn transient_fault(kind: SensorKind, transient: f64, bias: &Polynomia
     let limit = kind.max_bias() / unit.factor() / (high - low);
     // NaN is not within the limit.
     let within = transient.abs() <= limit;
-    (!within).then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of telemetry", unit.name()))
+    (!within).then(|| format!("is {transient:?}, give at most +-{limit:?} {} per unit of temperature", unit.name()))
 }
 
 pub(super) fn positive_scale_factor_fault(kind: SensorKind, polynomial: &Polynomial) -> Option<String> {
@@ -85,5 +85,5 @@ pub(super) fn alignment_fault(matrix: &Matrix3<f64>) -> Option<String> {
 }
 
 fn describe(violation: Violation, unit: &str) -> String {
-    format!("is {} {unit} at telemetry {}", violation.value, violation.at)
+    format!("is {} {unit} at temperature {}", violation.value, violation.at)
 }

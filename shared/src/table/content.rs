@@ -19,12 +19,12 @@ pub const AXIS_NAMES: [&str; AXES] = SensorKind::Accelerometer.names();
 /// Names of the gyroscopes, in order.
 pub const GYROSCOPE_NAMES: [&str; AXES] = SensorKind::Gyroscope.names();
 
-/// Policy for telemetry outside a polynomial's range. Every policy flags the sample.
+/// Policy for temperature outside a polynomial's range. Every policy flags the sample.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum OutOfRange {
     /// The polynomial is evaluated at the nearest end of the range.
     Clamp,
-    /// The polynomial is evaluated at the telemetry.
+    /// The polynomial is evaluated at the temperature.
     Extrapolate,
     /// The increment of the axis is NaN.
     Reject,
@@ -51,34 +51,34 @@ impl OutOfRange {
 pub struct Axis {
     /// Unit of the bias polynomial's value.
     pub bias_unit: BiasUnit,
-    /// Bias against head telemetry, in `bias_unit`; over its range within +-1 g0, or +-36000 deg/h.
+    /// Bias against head temperature, in `bias_unit`; over its range within +-1 g0, or +-36000 deg/h.
     pub bias: Polynomial,
-    /// What the bias has in addition for each unit of (lagged - present) head telemetry, in `bias_unit`; 0 for none.
+    /// What the bias has in addition for each unit of (lagged - present) head temperature, in `bias_unit`; 0 for none.
     pub transient: f64,
-    /// K+ against board telemetry \[pulse/(s*g0) or pulse/arcsec\]; over its range at least 1, or 1e-6.
+    /// K+ against board temperature \[pulse/(s*g0) or pulse/arcsec\]; over its range at least 1, or 1e-6.
     pub positive_scale_factor: Polynomial,
-    /// K- against board telemetry \[pulse/(s*g0) or pulse/arcsec\]; over its range at most -1, or -1e-6.
+    /// K- against board temperature \[pulse/(s*g0) or pulse/arcsec\]; over its range at most -1, or -1e-6.
     pub negative_scale_factor: Polynomial,
     /// Plausibility limit of the pulse rate of both channels together \[pulse/s\]; a higher rate is flagged.
     pub max_rate: Option<f64>,
 }
 
 impl Axis {
-    /// Bias at `head` telemetry, without the transient term.
+    /// Bias at `head` temperature, without the transient term.
     #[must_use]
     #[inline]
     pub fn bias_at(&self, head: f64) -> Bias {
         Bias(self.bias.at(head) * self.bias_unit.factor())
     }
 
-    /// K+ at `board` telemetry.
+    /// K+ at `board` temperature.
     #[must_use]
     #[inline]
     pub fn positive_scale_factor_at(&self, board: f64) -> PositiveScaleFactor {
         PositiveScaleFactor(self.positive_scale_factor.at(board))
     }
 
-    /// K- at `board` telemetry.
+    /// K- at `board` temperature.
     #[must_use]
     #[inline]
     pub fn negative_scale_factor_at(&self, board: f64) -> NegativeScaleFactor {
@@ -117,13 +117,13 @@ pub struct Content {
     /// The control period that the scale factors are of, which readings have \[s\]; none for pulse counters, whose
     /// scale factors are of no period. See [`interval_fits`](crate::nominal::interval_fits).
     pub nominal_interval_s: Option<f64>,
-    /// Unit of the telemetry, a label.
+    /// Unit of the temperature, a label.
     pub temperature_unit: String,
-    /// Policy for telemetry outside a range.
+    /// Policy for temperature outside a range.
     pub out_of_range: OutOfRange,
-    /// Telemetry older than this is flagged \[s\].
+    /// Temperature older than this is flagged \[s\].
     pub max_age_s: Option<f64>,
-    /// Time constant of the lagged telemetry \[s\]; required if any bias has a transient term.
+    /// Time constant of the lagged temperature \[s\]; required if any bias has a transient term.
     pub lag_s: Option<f64>,
     /// A1, A2, A3.
     pub axes: [Axis; AXES],

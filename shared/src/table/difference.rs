@@ -66,8 +66,8 @@ impl Curve {
 
     /// The value.
     #[must_use]
-    pub fn at(&self, telemetry: f64) -> f64 {
-        self.polynomial.at(telemetry) * self.factor
+    pub fn at(&self, temperature: f64) -> f64 {
+        self.polynomial.at(temperature) * self.factor
     }
 }
 
@@ -117,10 +117,10 @@ pub struct CurveDifference {
     pub quantity: &'static str,
     /// Unit of the difference: ug0 of 9.80665e-6 m/s2, deg/h, or ppm of the old scale factor.
     pub unit: &'static str,
-    /// The common range of the telemetry.
+    /// The common range of the temperature.
     pub range: [f64; 2],
-    /// Telemetry of the points, rising evenly over the range.
-    pub telemetry: Vec<f64>,
+    /// Temperature of the points, rising evenly over the range.
+    pub temperature: Vec<f64>,
     /// Difference at each point.
     pub differences: Vec<f64>,
 }
@@ -129,15 +129,15 @@ impl CurveDifference {
     /// The difference of a quantity of a sensor over a range that both curves have.
     #[must_use]
     pub fn of((kind, axis, quantity): (SensorKind, usize, usize), [old, new]: [&Curve; 2], range: [f64; 2]) -> Self {
-        let telemetry = points(range);
+        let temperature = points(range);
         let difference = |u: &f64| (new.at(*u) - old.at(*u)) * unit_factor(kind, quantity, old.at(*u));
         Self {
             sensor: kind.names()[axis],
             quantity: QUANTITIES[quantity],
             unit: unit(kind, quantity),
             range,
-            differences: telemetry.iter().map(difference).collect(),
-            telemetry,
+            differences: temperature.iter().map(difference).collect(),
+            temperature,
         }
     }
 
@@ -147,10 +147,10 @@ impl CurveDifference {
         format!("{} {}", self.sensor, self.quantity)
     }
 
-    /// Size of the largest difference, and its telemetry.
+    /// Size of the largest difference, and its temperature.
     #[must_use]
     pub fn largest(&self) -> (f64, f64) {
-        let sizes = self.differences.iter().map(|difference| difference.abs()).zip(self.telemetry.iter().copied());
+        let sizes = self.differences.iter().map(|difference| difference.abs()).zip(self.temperature.iter().copied());
         // The first of several.
         sizes.rev().max_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or((f64::NAN, f64::NAN))
     }
@@ -266,7 +266,7 @@ impl MaxChange {
 pub struct TableDifference {
     /// The largest change of everything that both tables have.
     pub changes: Vec<Change>,
-    /// What cannot be compared, whatever its size: another unit of the telemetry, scale factors of another interval,
+    /// What cannot be compared, whatever its size: another unit of the temperature, scale factors of another interval,
     /// too little of a range in common, gyroscopes that one table alone has, a calibration and none
     /// ([`CoefficientTable::is_nominal`]), a policy that begins or ends to reject, another serial number with other
     /// curves.
@@ -302,7 +302,7 @@ impl TableDifference {
         }
         if old.temperature_unit != new.temperature_unit {
             let (from, to) = (&old.temperature_unit, &new.temperature_unit);
-            found.incomparable.push(format!("temperature.unit: the telemetry was in {from:?}, now it is in {to:?}"));
+            found.incomparable.push(format!("temperature.unit: the temperature was in {from:?}, now it is in {to:?}"));
             return found;
         }
         if !comparable(old.nominal_interval_s, new.nominal_interval_s) {
@@ -339,7 +339,7 @@ impl TableDifference {
     }
 
     /// The difference of the gyroscopes of two tables of one IMU, if both have gyroscopes and the same unit of the
-    /// telemetry; else nothing.
+    /// temperature; else nothing.
     #[must_use]
     pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
         let (old, new) = (old.content(), new.content());
@@ -403,11 +403,11 @@ impl TableDifference {
             return self.incomparable.push(text);
         };
         let difference = CurveDifference::of(place, pair, range);
-        let (size, telemetry) = difference.largest();
+        let (size, temperature) = difference.largest();
         // Biases in the unit of their difference, since tables may have several; scale factors have one unit.
         let (value, of_values): (&dyn Fn(&Curve) -> f64, _) = match quantity {
-            0 => (&|curve: &Curve| curve.at(telemetry) * unit_factor(kind, 0, 1.0), difference.unit),
-            _ => (&|curve: &Curve| curve.polynomial().at(telemetry), kind.scale_factor_unit()),
+            0 => (&|curve: &Curve| curve.at(temperature) * unit_factor(kind, 0, 1.0), difference.unit),
+            _ => (&|curve: &Curve| curve.polynomial().at(temperature), kind.scale_factor_unit()),
         };
         let values = pair.map(|curve| rounded(value(curve)));
         let limit = match (kind, quantity) {
@@ -415,7 +415,7 @@ impl TableDifference {
             (SensorKind::Gyroscope, 0) => Limit::Rate,
             _ => Limit::Scale,
         };
-        let values = format!("from {} to {} {of_values} at {}", values[0], values[1], rounded(telemetry));
+        let values = format!("from {} to {} {of_values} at {}", values[0], values[1], rounded(temperature));
         self.changes.push(Change { name, limit, size, unit: difference.unit, values });
     }
 
@@ -433,7 +433,7 @@ impl TableDifference {
         let factor = unit_factor(kind, 0, 1.0);
         let [from, to] =
             [(old, factors[0]), (new, factors[1])].map(|(axis, own)| rounded(axis.transient * own * factor));
-        let values = format!("from {from} to {to} {unit} a unit of telemetry, times the range");
+        let values = format!("from {from} to {to} {unit} a unit of temperature, times the range");
         let name = format!("{} transient", kind.names()[axis]);
         self.changes.push(Change { name, limit, size: size * factor, unit, values });
     }

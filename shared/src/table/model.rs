@@ -140,7 +140,7 @@ impl CoefficientTable {
         &self.kernel
     }
 
-    /// Time constant of the lagged telemetry \[ns\], to the nearest one; 0 without lag.
+    /// Time constant of the lagged temperature \[ns\], to the nearest one; 0 without lag.
     #[must_use]
     #[inline]
     pub const fn lag_ns(&self) -> u64 {
@@ -155,7 +155,7 @@ impl CoefficientTable {
         self.kernel.nominal_ns
     }
 
-    /// The number of the unit that the table belongs to: [`device`] of its serial number; 0 = unknown.
+    /// The number of the device that the table belongs to: [`device`] of its serial number; 0 = unknown.
     #[must_use]
     #[inline]
     pub const fn device(&self) -> u64 {

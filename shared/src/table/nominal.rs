@@ -18,9 +18,9 @@ pub struct Nominal {
     pub imu: ImuId,
     /// The nominal interval between two samples \[ns\], 1 to one hour.
     pub interval_ns: u64,
-    /// Lowest and highest telemetry.
+    /// Lowest and highest temperature.
     pub range: [f64; 2],
-    /// Unit of the telemetry, a label.
+    /// Unit of the temperature, a label.
     pub temperature_unit: String,
     /// What one pulse over the nominal interval stands for.
     pub resolution: Resolution,
@@ -60,7 +60,7 @@ impl Nominal {
 /// K+ = -K- = arcsec / (resolution * T)      pulse/arcsec    of gyroscopes; arcsec: 1 arcsec in rad
 /// max_rate = (largest / resolution + 1) / T pulse/s         a largest reading itself, rounded up, is not over it
 /// ```
-/// and no bias, in ug0 and deg/h; telemetry outside of the range is clamped. A caller may add what is known besides,
+/// and no bias, in ug0 and deg/h; temperature outside of the range is clamped. A caller may add what is known besides,
 /// such as bias curves. The interval in nanoseconds is [`nominal_ns`](crate::nominal::nominal_ns) of one in seconds.
 ///
 /// # Errors
@@ -101,7 +101,7 @@ fn axes(nominal: &Nominal, kind: SensorKind) -> Result<[Axis; AXES], Refusal> {
     let resolution = checked_resolution(resolution).map_err(|error| refusal(section, &error))?;
     let interval_s = interval / 1e9;
     let [low, high] = nominal.range;
-    let no_range = || format!("the range of the telemetry is {low:?} to {high:?}; give a lower and a higher value");
+    let no_range = || format!("the range of the temperature is {low:?} to {high:?}; give a lower and a higher value");
     let constant =
         |value| Polynomial::new(&[value], 0.0, 1.0, nominal.range).ok_or_else(|| refusal(section, &no_range()));
     let scale_factor = one / (resolution * interval_s);

@@ -272,7 +272,7 @@ fn imu(section: Section<'_, '_>, format: Option<u8>, expected: Option<&ImuId>) -
 }
 
 fn temperature(section: Section<'_, '_>) -> Option<(String, OutOfRange, Option<f64>)> {
-    let unit = section.string("unit", "the unit of the telemetry, for example \"V\"").map(str::to_owned);
+    let unit = section.string("unit", "the unit of the temperature, for example \"V\"").map(str::to_owned);
     let out_of_range = section.choice("out_of_range", &OutOfRange::NAMES);
     let max_age_s = section.optional_number("max_age_s");
     section.refuse("max_age_s", max_age_s.and_then(max_age_fault));
@@ -281,7 +281,7 @@ fn temperature(section: Section<'_, '_>) -> Option<(String, OutOfRange, Option<f
 }
 
 fn lag(section: Section<'_, '_>) -> Option<f64> {
-    let time_constant = section.number("time_constant_s", "the time constant of the lagged telemetry in s");
+    let time_constant = section.number("time_constant_s", "the time constant of the lagged temperature in s");
     section.refuse("time_constant_s", time_constant.and_then(lag_fault));
     section.finish();
     time_constant
@@ -429,7 +429,7 @@ fn g_sensitivity(section: Section<'_, '_>) -> Option<[f64; AXES]> {
 }
 
 fn polynomial(section: &Section<'_, '_>) -> Option<Polynomial> {
-    const RANGE: &str = "range = [lowest, highest] calibrated telemetry, both finite numbers";
+    const RANGE: &str = "range = [lowest, highest] calibrated temperature, both finite numbers";
     let range = section.numbers("range", RANGE).and_then(|range| {
         let range = <[f64; 2]>::try_from(range).ok().filter(|range| range[0] < range[1]);
         if range.is_none() {
@@ -440,7 +440,7 @@ fn polynomial(section: &Section<'_, '_>) -> Option<Polynomial> {
     let center = section.optional_number("center").unwrap_or(0.0);
     let scale = section.optional_number("scale").unwrap_or(1.0);
     if scale == 0.0 {
-        section.fault("scale", "is 0; give what the centred telemetry is divided by");
+        section.fault("scale", "is 0; give what the centred temperature is divided by");
     }
     let given = POWERS.map(|power| section.optional_number(power));
     let coefficients: Vec<f64> = given.iter().map_while(|coefficient| *coefficient).collect();

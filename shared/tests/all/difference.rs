@@ -66,7 +66,7 @@ const WHOLE_CHANGES: [(&str, &str, &str); 7] = [
 ];
 
 #[test]
-fn a_unit_of_telemetry_and_half_of_the_range_must_stay() {
+fn a_unit_of_temperature_and_half_of_the_range_must_stay() {
     assert!(refusals(TABLE, "unit = \"V\"", "unit = \"K\"")[0].starts_with("temperature.unit"));
     for (range, is_taken) in
         [("[2.54, 4.2]", true), ("[2.56, 4.2]", false), ("[-9.0, 2.56]", true), ("[4.2, 9.0]", false)]

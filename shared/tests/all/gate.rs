@@ -7,7 +7,7 @@ const TABLE: &str = include_str!("../../../tests/data/imu-a.toml");
 /// Parts of a gate, of which the mean is taken by Simpson's rule.
 const PARTS: u32 = 2000;
 
-/// The mean over a gate during which the telemetry moves evenly by `span` about `middle`.
+/// The mean over a gate during which the temperature moves evenly by `span` about `middle`.
 fn mean(middle: f64, span: f64, of: impl Fn(f64) -> f64) -> f64 {
     let at = |part: u32| of(middle + span * (f64::from(part) / f64::from(PARTS) - 0.5));
     let weight = |part: u32| match part {
@@ -57,8 +57,8 @@ fn a_gate_costs_the_terms_of_even_order() {
     }
 }
 
-/// The pulses of a gate, taken at its mean telemetry: the error of the specific force is that of the second derivative
-/// of what is counted, K (f + A), and with telemetry of the gate's end that of its first.
+/// The pulses of a gate, taken at its mean temperature: the error of the specific force is that of the second derivative
+/// of what is counted, K (f + A), and with temperature of the gate's end that of its first.
 #[test]
 fn a_specific_force_is_off_by_little_at_the_mean_and_by_much_at_the_end() {
     let table = CoefficientTable::from_toml(TABLE, None).unwrap();

@@ -103,12 +103,12 @@ prop_compose! {
 const LAG_NS: u64 = 240_000_000_000;
 
 prop_compose! {
-    fn triad(telemetry: std::ops::Range<f64>)(
+    fn triad(temperature: std::ops::Range<f64>)(
         positive_pulses in prop::array::uniform3(any::<u32>()),
         negative_pulses in prop::array::uniform3(any::<u32>()),
-        head_temperature in prop::array::uniform3(telemetry.clone()),
-        board_temperature in prop::array::uniform3(telemetry.clone()),
-        head_lagged in prop::array::uniform3(telemetry),
+        head_temperature in prop::array::uniform3(temperature.clone()),
+        board_temperature in prop::array::uniform3(temperature.clone()),
+        head_lagged in prop::array::uniform3(temperature),
     ) -> Triad {
         Triad { positive_pulses, negative_pulses, head_temperature, board_temperature, head_lagged }
     }
@@ -116,11 +116,11 @@ prop_compose! {
 
 prop_compose! {
     /// Half of the samples are inside the ranges of all polynomials, as nearly all real samples are.
-    fn sample()(telemetry in prop::sample::select(vec![0.0..5.0f64, 1.5..3.0]))(
+    fn sample()(temperature in prop::sample::select(vec![0.0..5.0f64, 1.5..3.0]))(
         interval_ns in 1..=MAX_INTERVAL_NS,
         lag_ns in prop::sample::select(vec![0, LAG_NS, LAG_NS, LAG_NS, LAG_NS + 1]),
-        accelerometers in triad(telemetry.clone()),
-        gyroscopes in triad(telemetry),
+        accelerometers in triad(temperature.clone()),
+        gyroscopes in triad(temperature),
     ) -> RawSample {
         RawSample { interval_ns, lag_ns, accelerometers, gyroscopes, ..RawSample::default() }
     }
@@ -135,8 +135,8 @@ fn whole(value: u32) -> BigRational {
 }
 
 /// The polynomial and the sum of the absolute values of its terms, without any rounding.
-fn exact_polynomial(polynomial: &Polynomial, telemetry: f64) -> (BigRational, BigRational) {
-    let x = (exact(telemetry) - exact(polynomial.center())) / exact(polynomial.scale());
+fn exact_polynomial(polynomial: &Polynomial, temperature: f64) -> (BigRational, BigRational) {
+    let x = (exact(temperature) - exact(polynomial.center())) / exact(polynomial.scale());
     let (mut sum, mut size, mut power) = (BigRational::zero(), BigRational::zero(), whole(1));
     for coefficient in polynomial.coefficients() {
         let term = exact(*coefficient) * &power;
@@ -163,12 +163,12 @@ fn exact_indicated(
     triad: &Triad,
     index: usize,
 ) -> (BigRational, BigRational) {
-    let used = |polynomial: &Polynomial, telemetry: f64| match policy {
-        OutOfRange::Clamp => polynomial.clamp(telemetry),
-        _ => telemetry,
+    let used = |polynomial: &Polynomial, temperature: f64| match policy {
+        OutOfRange::Clamp => polynomial.clamp(temperature),
+        _ => temperature,
     };
     let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
-    let at = |polynomial, telemetry| exact_polynomial(polynomial, used(polynomial, telemetry));
+    let at = |polynomial, temperature| exact_polynomial(polynomial, used(polynomial, temperature));
     let (k_plus, k_plus_size) = at(&axis.positive_scale_factor, board);
     let (k_minus, k_minus_size) = at(&axis.negative_scale_factor, board);
     let (mut bias, mut bias_size) = at(&axis.bias, head);
@@ -188,7 +188,7 @@ fn exact_indicated(
     (sum, size)
 }
 
-/// A few units in the last place of everything that is added up.
+/// A few devices in the last place of everything that is added up.
 fn rounding(size: &BigRational) -> f64 {
     size.to_f64().unwrap() * 40.0 * f64::EPSILON
 }
@@ -257,8 +257,8 @@ proptest! {
     #[test]
     fn the_kernel_is_the_one_expression(table in table(), raw in sample()) {
         let content = table.content();
-        let value = |p: &Polynomial, telemetry: f64| {
-            let u = if content.out_of_range == OutOfRange::Clamp { telemetry.max(p.range()[0]).min(p.range()[1]) } else { telemetry };
+        let value = |p: &Polynomial, temperature: f64| {
+            let u = if content.out_of_range == OutOfRange::Clamp { temperature.max(p.range()[0]).min(p.range()[1]) } else { temperature };
             let x = (u - p.center()) / p.scale();
             let c = p.coefficients();
             let mut r = c[c.len() - 1];
@@ -318,7 +318,7 @@ proptest! {
         for index in 0..AXES {
             let end = content.axes[index].bias.range()[usize::from(upper)];
             let at = |head: f64| {
-                // The transient term takes the unclamped telemetry.
+                // The transient term takes the unclamped temperature.
                 let mut raw = RawSample { lag_ns: 0, ..raw };
                 raw.accelerometers.head_temperature[index] = head;
                 (answer(Some(&table), &raw).velocity_increment[index], raw)
@@ -326,7 +326,7 @@ proptest! {
             let (there, raw_there) = at(end);
             let (outside, inside) = if upper { (end + beyond, end.next_down()) } else { (end - beyond, end.next_up()) };
             prop_assert_eq!(at(outside).0.to_bits(), there.to_bits());
-            // The smallest step of the telemetry changes the bias by its slope times 1e-15: less than the rounding of
+            // The smallest step of the temperature changes the bias by its slope times 1e-15: less than the rounding of
             // the terms.
             let (_, bound) = exact_increment(&content, &raw_there, index);
             prop_assert!((at(inside).0 - there).abs() <= 2.0 * bound);
@@ -393,7 +393,7 @@ fn the_digest_is_the_documented_one() {
 }
 
 #[test]
-fn stale_telemetry_and_high_rates_are_flagged() {
+fn stale_temperature_and_high_rates_are_flagged() {
     let text = include_str!("../../../examples/tables/imu-b.toml");
     let table = CoefficientTable::from_toml(text, None).unwrap();
     let raw = |telemetry_ns, pulses| RawSample {
@@ -422,9 +422,9 @@ fn stale_telemetry_and_high_rates_are_flagged() {
     }
 }
 
-/// Constants do not depend on the telemetry. It must be finite and in range all the same.
+/// Constants do not depend on the temperature. It must be finite and in range all the same.
 #[test]
-fn telemetry_is_checked_under_constants_too() {
+fn temperature_is_checked_under_constants_too() {
     let text = include_str!("../../../examples/tables/imu-whole.toml");
     let mut content = CoefficientTable::from_toml(text, None).unwrap().content().clone();
     let axes = content.axes.iter_mut().chain(content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes));

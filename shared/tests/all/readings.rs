@@ -263,7 +263,7 @@ fn a_nominal_table_without_gyroscopes_or_with_a_wrong_range() {
     let table = nominal_table(&Nominal { has_gyroscopes: false, ..nominal() }).unwrap();
     assert_eq!(table.content().gyroscopes, None);
     for (wrong, message) in [
-        (Nominal { range: [25.0, 25.0], ..nominal() }, "the range of the telemetry is 25.0 to 25.0"),
+        (Nominal { range: [25.0, 25.0], ..nominal() }, "the range of the temperature is 25.0 to 25.0"),
         (Nominal { gravity: 1.0, ..nominal() }, "imu.gravity: is 1.0"),
         (Nominal { max_angular_rate: Some(f64::NAN), ..nominal() }, "gyroscope.G1.max_rate"),
         (

@@ -84,10 +84,10 @@ findings! {
         SET_POINTS = "set-points", Final, "Measure more.";
         /// An accelerometer gives no pulses on the channel of its direction: a dead channel, exchanged channels or
         /// signs.
-        NO_PULSES = "no-pulses", Final, "Mend the cable, the columns or the positions.";
+        NO_PULSES = "no-pulses", Final, "Fix the cable, the columns or the positions.";
         /// A recording, or a part of it, is there twice: the second shows nothing, and would halve the errors.
         SAME_RECORDING = "same-recording", Final, "Name every recording once.";
-        /// Rows are of another unit than that of `serial`, or of two units; or they are of another IMU of a vehicle
+        /// Rows are of another device than that of `serial`, or of two devices; or they are of another IMU of a vehicle
         /// than the log that made the table, by number or device. Of `replay` and `noise` a warning.
         OTHER_DEVICE = "other-device", FaultOrWarning,
             "Give the samples of this unit, or correct `serial`; of a log, `--instance`. `--other-device` makes the \
@@ -128,29 +128,29 @@ findings! {
         /// The campaign seems to last over 100 days.
         DURATION = "duration", Warning, "Give the times in nanoseconds.";
     }
-    "Telemetry" "" {
-        /// Telemetry is the same in every row of every set point: the sensor is not connected.
-        TELEMETRY_CONSTANT = "telemetry-constant", Final, "Mend it and measure again.";
-        /// Telemetry of a row is over 10 times the span of all set points beyond them: a broken reading.
-        TELEMETRY_READING = "telemetry-reading", Final, "Mend the row, or leave the dwell out with `--exclude`.";
-        /// Telemetry has the same digits in two dwells at two set points, which its digits tell apart elsewhere: the
+    "Temperature" "" {
+        /// Temperature is the same in every row of every set point: the sensor is not connected.
+        TEMPERATURE_CONSTANT = "temperature-constant", Final, "Fix it and measure again.";
+        /// Temperature of a row is over 10 times the span of all set points beyond them: a broken reading.
+        TEMPERATURE_READING = "temperature-reading", Final, "Fix the row, or leave the dwell out with `--exclude`.";
+        /// Temperature has the same digits in two dwells at two set points, which its digits tell apart elsewhere: the
         /// sensor was lost.
-        TELEMETRY_STUCK = "telemetry-stuck", Fault, "Measure again.";
-        /// Telemetry changes within a dwell by over half the distance to the neighbouring set points, and over 3 times
+        TEMPERATURE_REPEATED = "temperature-repeated", Fault, "Measure again.";
+        /// Temperature changes within a dwell by over half the distance to the neighbouring set points, and over 3 times
         /// as much as is usual in a dwell: a broken reading, or too short a soak. A warning if by over a tenth at one
         /// set point, or if set points are not further apart than noise and digits: an oven, or few digits.
-        TELEMETRY_DRIFT = "telemetry-drift", FaultOrWarning, "Mend or exclude the rows; soak longer.";
-        /// Telemetry in `degC` or `K` changes by over 1.5 for each degC of set points that span 15 degC or more.
+        TEMPERATURE_DRIFT = "temperature-drift", FaultOrWarning, "Fix or exclude the rows; soak longer.";
+        /// Temperature in `degC` or `K` changes by over 1.5 for each degC of set points that span 15 degC or more.
         /// Fahrenheit has 1.8.
-        TELEMETRY_SLOPE = "telemetry-slope", Fault, "Convert it, or state its unit.";
-        /// Telemetry in `degC` or `K` is over 150 degC off the set points: kelvin as degC, or the reverse. A warning
+        TEMPERATURE_SLOPE = "temperature-slope", Fault, "Convert it, or state its unit.";
+        /// Temperature in `degC` or `K` is over 150 degC off the set points: kelvin as degC, or the reverse. A warning
         /// over 30 degC: an IMU with an oven.
-        TELEMETRY_OFFSET = "telemetry-offset", FaultOrWarning, "State its unit.";
-        /// Telemetry is over half a step on the wrong side of a neighbouring set point. Two set points that look
+        TEMPERATURE_OFFSET = "temperature-offset", FaultOrWarning, "State its unit.";
+        /// Temperature is over half a step on the wrong side of a neighbouring set point. Two set points that look
         /// exchanged are named.
-        TELEMETRY_ORDER = "telemetry-order", Warning,
-            "Mend the samples' column `set_point_c`, or the columns of telemetry if they are of another sensor.";
-        /// Two set points have the same telemetry.
+        TEMPERATURE_ORDER = "temperature-order", Warning,
+            "Fix the samples' column `set_point_c`, or the columns of temperature if they are of another sensor.";
+        /// Two set points have the same temperature.
         SET_POINT = "set-point", Warning, "Look whether the set point was reached.";
     }
     "Pulses and positions" "" {
@@ -164,7 +164,7 @@ findings! {
         /// A dwell is over 0.1 g0 off what its position asks for: another position, or a table that moved. Of a ramp:
         /// an accelerometer indicates over 0.1 g0 more or less, on average, than the `specific_force` of the ramp says.
         WRONG_POSITION = "wrong-position", Fault,
-            "Mend the rows, or leave the dwell out with `--exclude`. Of a ramp: correct `specific_force`, or state \
+            "Fix the rows, or leave the dwell out with `--exclude`. Of a ramp: correct `specific_force`, or state \
              none.";
         /// A position is over 1e-3 g0 off what the other positions say, over 20 of its own standard errors, and over 5
         /// times the others' residuals (times what their errors grow to in this position): a wrong angle, or pulses
@@ -175,7 +175,7 @@ findings! {
         /// dwell's own standard deviations, and pulses, on.
         NOT_STILL = "not-still", FaultOrWarning, "Leave the dwell out with `--exclude`.";
         /// K+ and |K-| of one accelerometer differ by over a factor of 1.5: one channel is divided, or loses pulses.
-        CHANNELS_DIFFER = "channels-differ", Fault, "Mend it and measure again.";
+        CHANNELS_DIFFER = "channels-differ", Fault, "Fix it and measure again.";
         /// Local gravity is over 0.002 m/s2 off normal gravity at the stated latitude and height. It is in proportion
         /// in all scale factors.
         LOCAL_GRAVITY = "local-gravity", Warning, "Look up local gravity; state the height in metres.";
@@ -210,7 +210,7 @@ findings! {
     "Diagnoses" "A single mistake that explains the data, because residuals fall to a tenth or less, is printed \
         first. Tried are those below, one position that is off, and intervals that are not the rows'. If a \
         position is off where the IMU moved, the motion is the diagnosis. Up to three mistakes that explain \
-        the data equally well are named; of more, none. A diagnosis mends nothing: no table is made. Faults \
+        the data equally well are named; of more, none. A diagnosis fixes nothing: no table is made. Faults \
         that it explains have their own names; with `--accept` the last line of a refusal lists all that \
         must be accepted. What is missing or dead everywhere, and times in a wrong unit, are found without a \
         trial." {
@@ -222,7 +222,7 @@ findings! {
         CHANNELS_EXCHANGED = "channels-exchanged", Fault, "Correct columns or signs, as the line says.";
         /// From a set point on the misalignments are others, while each set point agrees with itself: another unit, or
         /// an IMU that was turned on its fixture.
-        OTHER_UNIT = "other-unit", Fault, "Take out the rows of one, or measure again.";
+        DEVICE_CHANGED = "device-changed", Fault, "Take out the rows of one, or measure again.";
         /// The IMU is turned against the campaign file, or `outer_deg` or `inner_deg` of all positions is off by 90 or
         /// 180.
         HEADING = "heading", Fault, "Correct the positions, as the line says.";
@@ -268,8 +268,8 @@ findings! {
         /// The thermometer stands still while the biases go on: these rows are left out.
         TEMPERATURE_STUCK = "temperature-stuck", Warning,
             "Look at the thermometer and its driver; record again if the temperatures that are left do not suffice.";
-        /// A ramp has another shape than the others, while the sweeps of each agree: it is of another unit.
-        RAMP_UNIT = "ramp-unit", Fault, "Give the ramps of one unit.";
+        /// A ramp has another shape than the others, while the sweeps of each agree: it is of another device.
+        RAMP_DEVICE = "ramp-device", Fault, "Give the ramps of one device.";
         /// Sweeps differ by over 4 of their jackknife errors, and by more than a lag explains.
         RAMP_SWEEPS = "ramp-sweeps", Warning,
             "Allow for the error of the curves that is stated; hold the IMU and its fixture steadier, begin soaked.";
@@ -283,7 +283,7 @@ findings! {
             "Record the axis horizontal; verify with a run of another rate: docs/temperature-in-motion.md.";
         /// A gyroscope indicates over 10 deg/s on average, in a recording at one attitude or of `noise`.
         RATE_AT_REST = "rate-at-rest", Fault, "Give the readings in rad/s; keep the IMU at rest.";
-        /// The telemetry never settles: what is behind it by a lag is in the curve everywhere.
+        /// The temperature never settles: what is behind it by a lag is in the curve everywhere.
         NOT_SETTLED = "not-settled", Warning, "Warm up more slowly, or wait at the end of each sweep.";
         /// With `--beside`: the cubic of an autopilot, or parameters that are on board, leave less than 0.9 of what the
         /// table leaves of the same rows.
@@ -296,9 +296,9 @@ findings! {
         COUNT_OFFSET = "count-offset", Fault, "Take it off with `isotherm convert`, `offset` in the mapping file.";
         /// The bias of one accelerometer alone is gravity: a self-calibration at one attitude took gravity for a bias.
         GRAVITY_ZEROED = "gravity-zeroed", Final, "Undo the self-calibration of the device, and record again.";
-        /// All standstills are one attitude, or the IMU was turned about one axis alone.
+        /// All static poses are one attitude, or the IMU was turned about one axis alone.
         NEVER_TURNED = "never-turned", Final, "Put the IMU down on its faces, edges and corners.";
-        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a standstill comes out much
+        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a static pose comes out much
         /// larger.
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
@@ -306,23 +306,23 @@ findings! {
         /// Files, power-ups or temperatures differ beyond what temperature explains. The intervals hold what they
         /// share.
         GROUPS_DIFFER = "groups-differ", FaultOrWarning,
-            "Look whether a file is of another unit, or the telemetry not the element's; else take more files.";
+            "Look whether a file is of another device, or the temperature not the element's; else take more files.";
         /// The bias walks while the IMU is put down in its attitudes. The intervals hold it.
         WALK = "walk", Warning, "Wait until temperature and power are steady, then tumble without a pause.";
-        /// The accelerometers are behind their telemetry, or ahead of it.
-        BEHIND_TELEMETRY = "behind-telemetry", Warning, "Wait until the telemetry stands still, then tumble.";
-        /// Telemetry moved so much in a tumble that an element up to 60 s behind it is most of the error.
-        TELEMETRY_MOVES = "telemetry-moves", Warning, "Wait until the telemetry stands still, then tumble.";
-        /// The range of the table is far wider than the telemetry that was measured: its intervals hold in that alone.
+        /// The accelerometers are behind their temperature, or ahead of it.
+        BEHIND_TEMPERATURE = "behind-temperature", Warning, "Wait until the temperature stands still, then tumble.";
+        /// Temperature moved so much in a tumble that an element up to 60 s behind it is most of the error.
+        TEMPERATURE_MOVES = "temperature-moves", Warning, "Wait until the temperature stands still, then tumble.";
+        /// The range of the table is far wider than the temperature that was measured: its intervals hold in that alone.
         UNMEASURED = "unmeasured", Warning, "Tumble at other temperatures, too, or take a narrower `--temperature-range`.";
-        /// Readings of the telemetry that the standstill's others exclude, such as the error codes 85, -127 and 0. They
-        /// are out of means and ranges; a standstill of many is left out.
-        TELEMETRY_GLITCH = "telemetry-glitch", Warning, "Look at the thermometer's cable.";
+        /// Readings of the temperature that the static pose's others exclude, such as the error codes 85, -127 and 0. They
+        /// are out of means and ranges; a static pose of many is left out.
+        TEMPERATURE_GLITCH = "temperature-glitch", Warning, "Look at the thermometer's cable.";
         /// An axis does not feel gravity in one file or temperature.
         DEAD_AXIS = "dead-axis", Fault, "Look at its column and its converter.";
         /// An axis counts by another factor in one file or temperature.
         SCALE_CHANGED = "scale-changed", Fault, "Give all files in one unit, of one IMU and one range.";
-        /// The IMU turned within standstills, which makes their specific force too short: they are left out.
+        /// The IMU turned within static poses, which makes their specific force too short: they are left out.
         TURNED = "turned", Warning, "Put the IMU on firm ground.";
     }
     "Recordings" "Of `verify`, `noise` and `convert`, with `interval`, `missing-rows`, `time-step`, `bad-rows` and \
@@ -346,7 +346,7 @@ findings! {
         /// With the two bytes of each count exchanged, the counts change far less from row to row.
         BYTE_ORDER = "byte-order", Fault, "Convert the data anew with the other order of bytes.";
         /// The stamps of foreign data jitter, or come in bursts: their rows are put on an even clock. Rows that are
-        /// lost cannot be told there. Or up to 1 % of the stamps are bad: they are mended, or their rows are left out.
+        /// lost cannot be told there. Or up to 1 % of the stamps are bad: they are fixed, or their rows are left out.
         STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
         /// The clock of foreign data starts again: a logger was restarted, or its clock was set back. The rows behind
         /// it are another session.
@@ -404,7 +404,7 @@ findings! {
         /// what differs is not the IMU.
         SAME_TABLE = "same-table", Warning, "Give tables of two campaigns.";
         /// The serial numbers of the tables differ.
-        SERIALS = "serials", Warning, "Give the tables of one unit.";
+        SERIALS = "serials", Warning, "Give the tables of one device.";
         /// The new table is older than the old one, by its date.
         DATES = "dates", Warning, "Give the old table first.";
     }
@@ -415,10 +415,26 @@ pub fn explanations() -> impl Iterator<Item = &'static Explanation> {
     SUBJECTS.iter().flat_map(|subject| subject.names)
 }
 
+/// Former names of findings, and today's.
+const RENAMED: [(&str, &str); 12] = [
+    ("telemetry-constant", TEMPERATURE_CONSTANT),
+    ("telemetry-reading", TEMPERATURE_READING),
+    ("telemetry-stuck", TEMPERATURE_REPEATED),
+    ("telemetry-drift", TEMPERATURE_DRIFT),
+    ("telemetry-slope", TEMPERATURE_SLOPE),
+    ("telemetry-offset", TEMPERATURE_OFFSET),
+    ("telemetry-order", TEMPERATURE_ORDER),
+    ("telemetry-moves", TEMPERATURE_MOVES),
+    ("telemetry-glitch", TEMPERATURE_GLITCH),
+    ("behind-telemetry", BEHIND_TEMPERATURE),
+    ("other-unit", DEVICE_CHANGED),
+    ("ramp-unit", RAMP_DEVICE),
+];
+
 /// The name of a finding that the user accepts.
 ///
 /// # Errors
-/// If no finding has this name, or if a fault of this name leaves nothing to fit. The message lists the names.
+/// If no finding has this name, which may be a former one, or if a fault of this name leaves nothing to fit. The message lists the names.
 pub fn acceptable(text: &str) -> Result<&'static str, String> {
     match explanations().find(|known| known.name == text) {
         Some(Explanation { name, rank: Rank::Final, remedy, .. }) => {
@@ -426,6 +442,9 @@ pub fn acceptable(text: &str) -> Result<&'static str, String> {
         }
         Some(known) => Ok(known.name),
         None => {
+            if let Some((_, new)) = RENAMED.iter().find(|(old, _)| *old == text) {
+                return Err(format!("the finding {text} is called {new} now"));
+            }
             let names = explanations().filter(|known| known.rank != Rank::Final).map(|known| known.name);
             Err(format!("give the name of a finding: {}", names.collect::<Vec<_>>().join(", ")))
         }

@@ -58,19 +58,19 @@ impl fmt::Display for RunNumber {
 pub enum Location {
     /// A set point \[degC\] of a campaign, or one position or turn there.
     SetPoint(f64, Option<RunNumber>),
-    /// A standstill, by its number over all recordings.
-    Standstill(usize),
+    /// A static pose, by its number over all recordings.
+    StaticPose(usize),
     /// A recording, by what messages call it.
     Recording(String),
 }
 
-/// `set point 5 degC, position 3`, `standstill 7` or the name of the recording.
+/// `set point 5 degC, position 3`, `static_pose 7` or the name of the recording.
 impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::SetPoint(set_point_c, Some(number)) => write!(f, "set point {set_point_c} degC, {number}"),
             Self::SetPoint(set_point_c, None) => write!(f, "set point {set_point_c} degC"),
-            Self::Standstill(number) => write!(f, "standstill {number}"),
+            Self::StaticPose(number) => write!(f, "static pose {number}"),
             Self::Recording(name) => f.write_str(name),
         }
     }
@@ -153,7 +153,7 @@ impl Finding {
                 .and_then(|number| if let RunNumber::Position(number) = number { Some(number) } else { None }),
             message: &self.message,
             turn: number.and_then(|number| if let RunNumber::Turn(number) = number { Some(number) } else { None }),
-            standstill: if let Some(Location::Standstill(number)) = self.place { Some(number) } else { None },
+            static_pose: if let Some(Location::StaticPose(number)) = self.place { Some(number) } else { None },
             recording: if let Some(Location::Recording(name)) = &self.place { Some(name) } else { None },
         }
     }
@@ -183,7 +183,7 @@ pub struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     turn: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    standstill: Option<usize>,
+    static_pose: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     recording: Option<&'a str>,
 }

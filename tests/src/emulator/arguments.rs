@@ -29,7 +29,7 @@ counter          what the counter counts: frames, or time on the device's clock;
 reset            the device starts again before frame N: its counter and its clock begin at 0, and it says what it says
                  when it was powered
 reset-silence    how long that takes; 1 s unless given
-serial   the unit's serial number; one of the device's unless given
+serial   the device's serial number; one of the device's unless given
 answers  whether the device answers what it is asked; on unless given
 output   set: the device sends frames as the profile describes them; new: not before it is set up so
 udp      each frame is a datagram to this address, and there is no terminal

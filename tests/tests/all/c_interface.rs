@@ -29,12 +29,12 @@ fn the_examples_compensate_exactly() {
     service.terminate();
 }
 
-/// Gyroscopes, the lag of the telemetry, and the unit, in C and C++: as the kernel computes them from the samples with
+/// Gyroscopes, the lag of the temperature, and the unit, in C and C++: as the kernel computes them from the samples with
 /// what the library adds.
 #[test]
 fn the_examples_compensate_a_whole_imu_exactly() {
     let domain = TestDomain::new();
-    // The table is of another unit, which every increment tells.
+    // The table is of another device, which every increment tells.
     let other = WHOLE_TABLE.replace("gravity =", "serial = \"SN 43\"\ngravity =");
     domain.write("imu-g.toml", &other);
     let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
@@ -113,9 +113,9 @@ fn sample_bytes(raw: &RawSample) -> Vec<u8> {
     let mut bytes = longs.into_iter().chain([raw.lag_ns, raw.device]).flat_map(u64::to_ne_bytes).collect::<Vec<_>>();
     for triad in [&raw.accelerometers, &raw.gyroscopes] {
         let pulses = [triad.positive_pulses, triad.negative_pulses];
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        let temperature = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
         bytes.extend(pulses.as_flattened().iter().flat_map(|count| count.to_ne_bytes()));
-        bytes.extend(telemetry.as_flattened().iter().flat_map(|value| value.to_ne_bytes()));
+        bytes.extend(temperature.as_flattened().iter().flat_map(|value| value.to_ne_bytes()));
     }
     bytes
 }

@@ -159,7 +159,7 @@ fn increments_go_to_ros_and_come_back() {
     domain.write("imu-a.toml", table);
     domain.write("celsius.toml", &table.replace("unit = \"V\"", "unit = \"degC\""));
     let (code, _, stderr) = run(&domain, &["replay", "--table", "imu-a.toml", RUN, "-o", "volts.mcap"]);
-    assert!(code == 0 && stderr.contains("no sensor_msgs/msg/Temperature: the telemetry is in V"), "{stderr}");
+    assert!(code == 0 && stderr.contains("no sensor_msgs/msg/Temperature: the temperature is in V"), "{stderr}");
     let (code, _, stderr) = run(&domain, &["replay", "--table", "celsius.toml", RUN, "-o", "celsius.mcap"]);
     assert!(
         code == 0 && stderr.contains("4000 increments, none flagged") && !stderr.contains("Temperature"),
@@ -191,7 +191,7 @@ fn increments_go_to_ros_and_come_back() {
 fn a_recorder_writes_ros_messages_of_a_running_imu() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    // The table that the service has in force, but with telemetry in degC: for the recorder it only has the name and
+    // The table that the service has in force, but with temperature in degC: for the recorder it only has the name and
     // the unit.
     let table = TABLE.replace("unit = \"V\"", "unit = \"degC\"");
     domain.write("celsius.toml", &table);

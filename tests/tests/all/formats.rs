@@ -369,7 +369,7 @@ fn regress_reports_a_fault_and_an_outlier_with_the_piece_that_has_it() {
 }
 
 #[test]
-fn telemetry_in_whole_numbers_is_read() {
+fn temperature_in_whole_numbers_is_read() {
     let domain = TestDomain::new();
     let mut run = CsvContent::of(&fs::read_to_string(RUN).unwrap()).part(0, 100);
     let head = run.names.iter().position(|name| name == "a2_head").unwrap();

@@ -515,13 +515,13 @@ fn a_calibration_after_none_needs_an_acceptance_and_so_does_the_way_back() {
 }
 
 #[test]
-fn another_unit_of_telemetry_range_policy_or_set_of_sensors_is_refused() {
+fn another_device_of_temperature_range_policy_or_set_of_sensors_is_refused() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
     for (next, why) in [
         (
             TABLE.replace("unit = \"V\"", "unit = \"degC\""),
-            "temperature.unit: the telemetry was in \"V\", now it is in \"degC\"",
+            "temperature.unit: the temperature was in \"V\", now it is in \"degC\"",
         ),
         (TABLE.replacen("range = [0.9, 4.2]", "range = [2.6, 4.2]", 1), "has less than half of the range before"),
         (TABLE.replacen("range = [0.9, 4.2]", "range = [5.0, 6.0]", 1), "has less than half of the range before"),

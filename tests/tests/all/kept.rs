@@ -51,7 +51,7 @@ fn what_does_not_fit_into_memory_is_a_gap_of_as_many_periods() {
     for number in begun..end {
         let mut sample = acquisition.loan().unwrap();
         fill(&mut sample, number, 2.5);
-        // Another unit after each three, so that a sum ends.
+        // Another device after each three, so that a sum ends.
         sample.device = 1 + (number - begun + 1) / 3 % 2;
         acquisition.keep(sample).unwrap();
     }

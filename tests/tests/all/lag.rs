@@ -283,7 +283,7 @@ fn flags_of_another_cause_are_asked_for_once_a_table_and_occupy_no_place() {
     service.terminate();
 }
 
-/// An application that measures its telemetry seldom gives its last readings again while increments are flagged.
+/// An application that measures its temperature seldom gives its last readings again while increments are flagged.
 #[test]
 fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
     let domain = TestDomain::new();
@@ -414,7 +414,7 @@ fn samples_are_resent_with_the_lag_that_they_were_sent_with() {
     let mut acquisition = connect(&domain, LagOption::Service, Some("SN 42"));
     let mut answered = 0;
     for (part, rest) in samples.chunks(60).zip(expected.chunks(60)) {
-        // Samples wait for the next service, while the telemetry goes on.
+        // Samples wait for the next service, while the temperature goes on.
         service.stop();
         for sample in part {
             acquisition.lag().follow(sample);
@@ -513,7 +513,7 @@ fn a_successor_goes_on_with_a_kept_lag() {
 }
 
 #[test]
-fn samples_of_another_unit_are_flagged() {
+fn samples_of_another_device_are_flagged() {
     let domain = TestDomain::new();
     domain.write("imu-g.toml", &WHOLE_TABLE.replace("gravity =", "serial = \"SN 42\"\ngravity ="));
     let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
@@ -529,7 +529,7 @@ fn samples_of_another_unit_are_flagged() {
         (Some("SN 43"), 0, true),
         (Some(" "), 0, false),
         (None, 0, false),
-        // A recording of another unit tells its own number.
+        // A recording of another device tells its own number.
         (Some("SN 42"), device("SN 43"), true),
         (Some("SN 43"), device("SN 42"), false),
     ] {

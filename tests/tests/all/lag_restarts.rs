@@ -152,9 +152,9 @@ fn a_killed_acquisition_that_hands_nothing_over_is_flagged_for_three_time_consta
     let after = completed_from_unknown(&samples[PART..], LAG_NS);
     // The test would notice a lag that is not that of the unknown start, and it is near the right one when it is used.
     let head = |raw: &RawSample| (raw.accelerometers.head_temperature[0], raw.accelerometers.head_lagged[0]);
-    let ((telemetry, _), (_, right), (_, own)) =
+    let ((temperature, _), (_, right), (_, own)) =
         (head(&samples[PART + FLAGGED]), head(&undisturbed[PART + FLAGGED]), head(&after[FLAGGED]));
-    assert!(own != right && (own - right).abs() < 0.06 * (telemetry - right).abs(), "{own} {right} {telemetry}");
+    assert!(own != right && (own - right).abs() < 0.06 * (temperature - right).abs(), "{own} {right} {temperature}");
     // The state is missing, useless, or of the time before the machine was started anew.
     let losses: [(&[&str], Loss); 3] = [
         (&[STATE, "unknown"], |_| None),

@@ -60,3 +60,4 @@ mod watchdog;
 mod whole_imu;
 mod whole_recordings;
 mod whole_verification;
+mod words;

@@ -120,7 +120,7 @@ impl RawSender<'_> {
     }
 }
 
-fn with_telemetry(triad: Triad, value: f64) -> Triad {
+fn with_temperature(triad: Triad, value: f64) -> Triad {
     Triad { head_temperature: [value; 3], board_temperature: [value; 3], ..triad }
 }
 
@@ -153,7 +153,7 @@ fn every_metric_is_updated() {
     }
 
     let both = |triad: Triad| RawSample { accelerometers: triad, gyroscopes: triad, ..plain };
-    let all = |value: f64| both(with_telemetry(plain.accelerometers, value));
+    let all = |value: f64| both(with_temperature(plain.accelerometers, value));
     let fast = both(Triad { positive_pulses: [u32::MAX; 3], ..plain.accelerometers });
     let stale = RawSample { timestamp_ns: 100_000_000_000, telemetry_ns: 1, ..plain };
     let other = RawSample { device: 1, interval_ns: plain.interval_ns / 5 * 6, ..plain };
@@ -185,7 +185,7 @@ fn every_metric_is_updated() {
         ("isotherm_latency_seconds_count", 11.0),
     ];
     let scrape = scrape_with(&address, &values);
-    // The samples have no lagged telemetry, and the one of NaN no velocity increments.
+    // The samples have no lagged temperature, and the one of NaN no velocity increments.
     let all_names: Vec<_> = Flags::NAMES.iter().map(|(_, name)| *name).collect();
     for flag in all_names {
         assert!(scrape.value(&format!("isotherm_flagged_total{{imu=\"imu-a\",flag=\"{flag}\"}}")) > 0.0, "{flag}");
@@ -206,14 +206,14 @@ fn every_metric_is_updated() {
     assert!(buckets.is_sorted() && bucket("5e-4") < 11.0, "cumulative; some were sent a millisecond ago: {buckets:?}");
     assert!(scrape.value("isotherm_latency_seconds_sum{imu=\"imu-a\"}") > 1e-3);
     let Triad { head_temperature, board_temperature, .. } = plain.accelerometers;
-    for (axis, place, telemetry) in [
+    for (axis, place, temperature) in [
         ("a1", "head", head_temperature[0]),
         ("a3", "board", board_temperature[2]),
         ("g2", "head", 1.5),
         ("g3", "board", 3.5),
     ] {
         let value = |name: &str| scrape.value(&format!("{name}{{imu=\"imu-a\",axis=\"{axis}\",place=\"{place}\"}}"));
-        assert_eq!(value("isotherm_telemetry"), telemetry);
+        assert_eq!(value("isotherm_telemetry"), temperature);
         assert_eq!((value("isotherm_telemetry_range_low"), value("isotherm_telemetry_range_high")), (0.9, 4.2));
     }
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap().as_secs_f64();
@@ -257,7 +257,7 @@ fn an_imu_without_gyroscopes_has_no_series_of_them() {
     domain.replace("imu-a.toml", &whole());
     wait_until("gyroscopes", || has_gyroscopes(&scrape(&address)));
     assert_eq!(flags(&scrape(&address)), names(&|_| true));
-    // The sample has no lagged telemetry.
+    // The sample has no lagged temperature.
     let accelerometers = recording()[0].accelerometers;
     let sample = RawSample { gyroscopes: accelerometers, ..recording()[0] };
     round_trip(&mut domain.acquisition("imu-a"), &sample);

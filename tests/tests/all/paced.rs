@@ -28,8 +28,8 @@ fn generated(periods: u64) -> Sums {
     let mut readings = Readings::new(Resolution { accelerometer: 1e-6, gyroscope: 1e-7 }, PERIOD_NS);
     let mut sums = Sums::default();
     for period in 0..periods {
-        let telemetry = [31.25 + 1e-6 * (period / 40 * 40) as f64; 3];
-        let triad = Triad { head_temperature: telemetry, board_temperature: telemetry, ..Triad::default() };
+        let temperature = [31.25 + 1e-6 * (period / 40 * 40) as f64; 3];
+        let triad = Triad { head_temperature: temperature, board_temperature: temperature, ..Triad::default() };
         let mut raw = RawSample { accelerometers: triad, gyroscopes: triad, ..RawSample::default() };
         let turn = (period % 100) as f64;
         let rate = [0.01, 1e-5 * turn - 0.02, 7.292e-5];
@@ -41,7 +41,7 @@ fn generated(periods: u64) -> Sums {
 
 fn assert_all_arrived(sums: &Sums, periods: u64, whose: &str) {
     for (sum, generated) in sums.iter().zip(generated(periods)) {
-        // One period of 10 000 is 1e-4 of it. Within a sum the telemetry of its last period counts for all.
+        // One period of 10 000 is 1e-4 of it. Within a sum the temperature of its last period counts for all.
         assert!((sum - generated).abs() < 1e-6 * generated.abs().max(0.01), "{whose}: {sums:?}, generated {generated}");
     }
 }

@@ -141,7 +141,7 @@ fn two_imus_do_not_mix() {
 }
 
 #[test]
-fn out_of_range_and_not_finite_telemetry_under_each_policy() {
+fn out_of_range_and_not_finite_temperature_under_each_policy() {
     let raw = |head: f64, board: f64| {
         let accelerometers = Triad {
             positive_pulses: [500; 3],

@@ -298,7 +298,7 @@ fn check_describes_a_whole_imu_and_reports_its_faults() {
     domain.write("imu-a.toml", TABLE);
     let described = domain.run_ok(&["check", "whole.toml", "imu-a.toml"]);
     for line in [
-        "  lag of the head telemetry: 240 s",
+        "  lag of the head temperature: 240 s",
         "  transient: A1 -31 ug0 per V, A3 14 ug0 per V, G1 0.71 deg/h per V, G3 -0.05 deg/h per V",
         "  G1: bias in deg/h over 0.9 .. 4.2 V; K+ and K- in pulse/arcsec over 0.9 .. 4.2 V and 0.9 .. 4.2 V; \
          g-sensitivity 0.62, -0.18, 0.09 deg/h/g0",

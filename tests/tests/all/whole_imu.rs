@@ -1,4 +1,4 @@
-//! The service of a whole IMU: what its status shows, samples of another unit, and peers of another version.
+//! The service of a whole IMU: what its status shows, samples of another device, and peers of another version.
 
 use iceoryx2::prelude::ZeroCopySend;
 use isotherm_client::transport::stream::{increment_name, raw_name};
@@ -159,8 +159,8 @@ fn gyroscopes_that_the_table_lacks_are_logged_once_a_session_and_table() {
 }
 
 #[test]
-fn samples_of_another_unit_are_logged_once_a_session_and_table() {
-    const LOGGED: &str = "the samples are of another unit than the table";
+fn samples_of_another_device_are_logged_once_a_session_and_table() {
+    const LOGGED: &str = "the samples are of another device than the table";
     let with_serial = |serial: &str| TABLE.replace("id = \"imu-a\"", &format!("id = \"imu-a\"\nserial = \"{serial}\""));
     let domain = TestDomain::new();
     domain.write("imu-a.toml", &with_serial("SN 1"));
@@ -200,7 +200,7 @@ fn samples_of_another_unit_are_logged_once_a_session_and_table() {
     });
     assert_eq!(service.count_in_log(LOGGED), 1, "{}", service.log());
 
-    // Another table, still of another unit.
+    // Another table, still of another device.
     domain.replace("imu-a.toml", &with_serial("SN 3"));
     wait_until("the table", || domain.imu_status()["device"] == format!("{:016x}", device("SN 3")));
     // The samples of before were answered with the table of before.

@@ -168,7 +168,7 @@ fn feed_and_replay_compute_the_same_lag() {
         all[0] == all[1] && all[4] == all[5] && all[2] == all[3],
         "the table's is 240 s; without its own there is no term"
     );
-    assert!(all[0] != all[2] && all[0] != all[4], "the lag matters, and so does when the telemetry was read");
+    assert!(all[0] != all[2] && all[0] != all[4], "the lag matters, and so does when the temperature was read");
     // A recording that has the lag is used as it is.
     write(&domain, "lagged.csv", false, WITH_LAG, &completed(&samples, LAG_NS, ""));
     for lag in [&[][..], &["--lag", "60.5"], &["--lag", "none"]] {
@@ -246,7 +246,7 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
         assert!(replayed.status.success());
         let (increments, log) = (text(&replayed.stdout), text(&replayed.stderr));
         assert_eq!(flags(&increments), [(expected.to_owned(), 40)], "{file}");
-        let warning = ".csv: 40 samples are of another unit than the table's, which has the serial number \"S/N 7\"";
+        let warning = ".csv: 40 samples are of another device than the table's, which has the serial number \"S/N 7\"";
         assert_eq!(log.contains(warning), expected != "-", "{log}");
         assert!(domain.run_ok(&[&FEED[..], &[file]].concat()) == increments, "{file}");
     }
@@ -263,7 +263,7 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
     for nothing in ["", " \t"] {
         let refused = domain.run(&[&FEED[..], &["--serial", nothing, "other.csv"]].concat());
         assert_eq!(refused.status.code(), Some(64));
-        assert!(text(&refused.stderr).contains("give the unit's serial number, or leave --serial out"));
+        assert!(text(&refused.stderr).contains("give the device's serial number, or leave --serial out"));
     }
     service.terminate();
 }

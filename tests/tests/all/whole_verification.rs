@@ -1,4 +1,4 @@
-//! `verify` of a whole IMU through the command: Earth's rate, the lag, samples of another unit, and a recording in
+//! `verify` of a whole IMU through the command: Earth's rate, the lag, samples of another device, and a recording in
 //! motion.
 
 use isotherm_recording::{Layout, RawCsvReader, RawCsvWriter};
@@ -54,7 +54,7 @@ fn pulses(axis: &Axis, triad: &mut Triad, index: usize, value: f64, charge: &mut
     channel[index] = count as u32;
 }
 
-/// What this IMU sends at rest while its telemetry rises, without lagged telemetry and without noise.
+/// What this IMU sends at rest while its temperature rises, without lagged temperature and without noise.
 fn at_rest(angles: [f64; 2]) -> Vec<RawSample> {
     let table = table(WHOLE_TABLE);
     let content = table.content();
@@ -67,9 +67,9 @@ fn at_rest(angles: [f64; 2]) -> Vec<RawSample> {
     let mut charges = [[0.0; 3]; 2];
     (0..400_u64)
         .map(|index| {
-            let telemetry = 1.2 + 2.6 * index as f64 / 400.0;
+            let temperature = 1.2 + 2.6 * index as f64 / 400.0;
             let triad =
-                Triad { head_temperature: [telemetry; 3], board_temperature: [telemetry; 3], ..Triad::default() };
+                Triad { head_temperature: [temperature; 3], board_temperature: [temperature; 3], ..Triad::default() };
             let mut raw = RawSample {
                 sequence: index,
                 timestamp_ns: (index + 1) * 10_000_000_000,
@@ -177,7 +177,7 @@ fn the_lag_of_the_table_is_computed_as_in_replay() {
 }
 
 #[test]
-fn samples_of_another_unit_are_refused_unless_wanted() {
+fn samples_of_another_device_are_refused_unless_wanted() {
     let domain = TestDomain::new();
     let with_serial = table_text(EARTH).replace("id = \"imu-g\"", "id = \"imu-g\"\nserial = \"SN 7 \"");
     assert!(with_serial.contains("SN 7"));
@@ -193,13 +193,13 @@ fn samples_of_another_unit_are_refused_unless_wanted() {
     let (out, err) = expect(&verify(&domain, &[&["other.csv"], &arguments[..]].concat()), 65);
     assert!(
         out.is_empty()
-            && err.contains("400 samples are of another unit than the table's, which has the serial number \"SN 7\""),
+            && err.contains("400 samples are of another device than the table's, which has the serial number \"SN 7\""),
         "{err}"
     );
     assert!(err.contains("--other-device"), "{err}");
     let (other, err) = expect(&verify(&domain, &[&["other.csv", "--other-device"], &arguments[..]].concat()), 0);
     assert!(
-        err.contains("warning [other-device]: other.csv: 400 samples are of another unit than the table's")
+        err.contains("warning [other-device]: other.csv: 400 samples are of another device than the table's")
             && other == own,
         "{err}{other}"
     );

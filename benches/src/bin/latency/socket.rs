@@ -113,8 +113,8 @@ fn raw_bytes(raw: &RawSample) -> [u8; RAW_BYTES] {
     }
     for triad in [&raw.accelerometers, &raw.gyroscopes] {
         triad.positive_pulses.iter().chain(&triad.negative_pulses).for_each(|word| writer.put(&word.to_ne_bytes()));
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
-        telemetry.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
+        let temperature = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        temperature.as_flattened().iter().for_each(|word| writer.put(&word.to_ne_bytes()));
     }
     writer.0
 }

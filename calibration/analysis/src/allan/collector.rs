@@ -18,7 +18,7 @@ use isotherm_support::finding::{Finding, name};
 /// Rounding of times that are typed \[s\].
 const TOLERANCE_S: f64 = 1e-9;
 
-/// Collects rows, each of which takes 8 bytes for each axis that is analysed and 8 for its times. Telemetry takes 16
+/// Collects rows, each of which takes 8 bytes for each axis that is analysed and 8 for its times. Temperature takes 16
 /// bytes where it changes. What is not analysed is not kept.
 ///
 /// ```

@@ -60,17 +60,17 @@ pub struct Allan {
     pub filtered_errors: Option<f64>,
 }
 
-/// A rate against telemetry.
+/// A rate against temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TemperatureLine {
-    /// Slope \[unit of the rate per unit of the telemetry\].
+    /// Slope \[unit of the rate per unit of the temperature\].
     pub slope: f64,
     /// Standard error of the slope, the larger of those under the model of the rates and of what is left; `None`
     /// without a model.
     pub slope_error: Option<f64>,
     /// Averaging time of the first point that leaves its interval when the line is removed \[s\]; `None` if no point
     /// does, or if the slope is not significant: a line takes off a part of every slow noise. In simulated records
-    /// whose telemetry has no influence, at most 4 % have one.
+    /// whose temperature has no influence, at most 4 % have one.
     pub contaminated_from_s: Option<f64>,
     /// What is left when the line is removed.
     pub without: Allan,
@@ -142,30 +142,30 @@ impl Allan {
 }
 
 impl TemperatureLine {
-    /// The straight line of `rates` in `telemetry`, by least squares, and what is left of `raw`, their Allan deviation,
-    /// without it; both without the steps of `raw`. `None` if the telemetry never changes or is not finite, or if
+    /// The straight line of `rates` in `temperature`, by least squares, and what is left of `raw`, their Allan deviation,
+    /// without it; both without the steps of `raw`. `None` if the temperature never changes or is not finite, or if
     /// nothing is left.
     #[must_use]
-    pub fn of(rates: &[f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
+    pub fn of(rates: &[f64], temperature: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
         let mut rates = rates.to_vec();
         raw.steps.iter().for_each(|step| step.take_out(&mut rates));
-        Self::taken_off(&mut rates, telemetry, interval_s, raw)
+        Self::taken_off(&mut rates, temperature, interval_s, raw)
     }
 
     /// The same of rates without steps, of which the line is taken off.
-    pub(super) fn taken_off(rates: &mut [f64], telemetry: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
-        let (rate, middle) = (mean(rates), mean(telemetry));
+    pub(super) fn taken_off(rates: &mut [f64], temperature: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
+        let (rate, middle) = (mean(rates), mean(temperature));
         let (mut squares, mut products) = (0.0, 0.0);
-        for (r, u) in rates.iter().zip(telemetry) {
+        for (r, u) in rates.iter().zip(temperature) {
             squares += (u - middle) * (u - middle);
             products += (u - middle) * (r - rate);
         }
-        let constant = telemetry.iter().all(|u| *u == telemetry[0]);
+        let constant = temperature.iter().all(|u| *u == temperature[0]);
         if constant || !(squares > 0.0 && squares.is_finite()) {
             return None;
         }
         let slope = products / squares;
-        rates.iter_mut().zip(telemetry).for_each(|(r, u)| *r -= slope * (u - middle));
+        rates.iter_mut().zip(temperature).for_each(|(r, u)| *r -= slope * (u - middle));
         let mut without = Allan::without_steps(rates, interval_s)?;
         without.steps.extend_from_slice(&raw.steps);
         without.steps.sort_by_key(|step| step.row);
@@ -173,8 +173,8 @@ impl TemperatureLine {
         let leaves = |(raw, without): &(&AllanPoint, &AllanPoint)| {
             raw.interval.is_some_and(|[low, high]| !(low..=high).contains(&without.adev))
         };
-        let weight = |row: usize| (telemetry[row] - middle) / squares;
-        let error = |allan: &Allan| allan.model.as_ref().map(|model| model.standard_error(telemetry.len(), weight));
+        let weight = |row: usize| (temperature[row] - middle) / squares;
+        let error = |allan: &Allan| allan.model.as_ref().map(|model| model.standard_error(temperature.len(), weight));
         let errors = error(raw).zip(error(&without));
         let [of_raw, of_left] = SIGNIFICANT_SLOPE;
         let is_significant = errors.is_some_and(|(a, b)| slope.abs() > of_raw * a && slope.abs() > of_left * b);

@@ -54,7 +54,7 @@ fn worst(sensors: &[&SensorNoise], index: usize, factor: f64) -> Result<(f64, St
     let mut found: Vec<(&str, Coefficient, &str)> = Vec::new();
     for sensor in sensors {
         let contamination = sensor.contamination().map(|(line, _)| &line.without);
-        let without = if contamination.is_some() { ", without the straight line in head telemetry" } else { "" };
+        let without = if contamination.is_some() { ", without the straight line in head temperature" } else { "" };
         let allan: Option<&Allan> = contamination.or(sensor.allan.as_ref());
         let model = allan.and_then(|allan| allan.model.as_ref()).filter(|model| model.holds());
         let model = model.ok_or_else(|| format!("the model does not hold for {}", sensor.name))?;

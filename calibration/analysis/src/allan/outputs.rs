@@ -114,8 +114,8 @@ impl<'a> Outputs<'a> {
         let mean = rates.iter().sum::<f64>() / rates.len() as f64;
         let mut allan = Allan::without_steps(&mut rates, interval_s);
         let mut line = allan.as_ref().and_then(|allan| {
-            let telemetry = telemetry(rows, sensor, &analysed.stretch);
-            TemperatureLine::taken_off(&mut rates, &telemetry, interval_s, allan)
+            let temperature = temperature(rows, sensor, &analysed.stretch);
+            TemperatureLine::taken_off(&mut rates, &temperature, interval_s, allan)
         });
         for step in allan.iter_mut().chain(line.as_mut().map(|line| &mut line.without)).flat_map(|it| &mut it.steps) {
             step.at_s += analysed.begin_s;
@@ -161,8 +161,8 @@ fn rates(mut bits: Vec<u64>, stretch: &Stretch) -> Vec<f64> {
     }
 }
 
-/// Head telemetry of a stretch, on a straight line where rows are missing.
-fn telemetry(rows: &Rows, sensor: usize, stretch: &Stretch) -> Vec<f64> {
+/// Head temperature of a stretch, on a straight line where rows are missing.
+fn temperature(rows: &Rows, sensor: usize, stretch: &Stretch) -> Vec<f64> {
     let (mut changes, mut value) = (rows.head(sensor).peekable(), f64::NAN);
     let mut values = stretch.values(|row| {
         while let Some((_, next)) = changes.next_if(|(from, _)| *from <= row) {

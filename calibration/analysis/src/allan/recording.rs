@@ -54,7 +54,7 @@ pub struct NoiseAnalysis {
     pub losses: Losses,
     /// What is to be known of all sensors.
     pub of_recording: Vec<Finding>,
-    /// Unit of the telemetry, that of the table; "unit" without one.
+    /// Unit of the temperature, that of the table; "unit" without one.
     pub temperature_unit: String,
 }
 
@@ -77,7 +77,7 @@ pub enum NoiseError {
         "the longest stretch without a gap, a movement, a new session or an output that is not a number has {} rows, {} to {}; at least {MIN_ROWS} \
          rows are needed: record longer at rest{}",
         rows.len(), rows.start + 1, rows.end,
-        if *not_a_number > 0 { format!("; {not_a_number} rows have an output that is not a number: look at their telemetry and the table's range") } else { String::new() }
+        if *not_a_number > 0 { format!("; {not_a_number} rows have an output that is not a number: look at their temperature and the table's range") } else { String::new() }
     )]
     TooShort {
         /// The rows of the stretch.

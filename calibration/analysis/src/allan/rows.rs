@@ -2,13 +2,13 @@
 //! changes. A row of a recording takes over 250 bytes, and twelve hours at 1 kHz have 43 million.
 //!
 //! A block is as many rows as follow each other by sequence, of one session and unit, whose times and intervals differ
-//! from those of the first by what 32 bits hold. A telemetry value is kept with the row from which on it holds.
+//! from those of the first by what 32 bits hold. A temperature value is kept with the row from which on it holds.
 
 use isotherm_shared::sequence::Period;
 use isotherm_shared::wire::{AXES, RawSample, Triad};
 
-/// Telemetry of a row: head, board and lagged, of accelerometers and gyroscopes.
-const TELEMETRY: usize = 6 * AXES;
+/// Temperature of a row: head, board and lagged, of accelerometers and gyroscopes.
+const TEMPERATURE: usize = 6 * AXES;
 
 /// The rows.
 #[derive(Default)]
@@ -19,8 +19,8 @@ pub(super) struct Rows {
     times: Vec<[i32; 2]>,
     /// Of each axis and row: the pulses of both channels, the positive ones above.
     pub(super) pulses: Vec<Vec<u64>>,
-    telemetry: Vec<Change>,
-    last: [u64; TELEMETRY],
+    temperature: Vec<Change>,
+    last: [u64; TEMPERATURE],
 }
 
 /// Rows that follow each other.
@@ -35,7 +35,7 @@ struct Block {
     begins_ns: u64,
 }
 
-/// Telemetry that holds from a row on.
+/// Temperature that holds from a row on.
 #[derive(Clone, Copy)]
 struct Change {
     row: u32,
@@ -54,7 +54,7 @@ impl Rows {
             self.blocks.push(Block { begin: self.times.len(), first: period, lag_ns, device, begins_ns });
             [0; 2]
         });
-        self.telemetry_of(row);
+        self.temperature_of(row);
         let triads = if gyroscopes { &[row.accelerometers, row.gyroscopes][..] } else { &[row.accelerometers][..] };
         // Rows before the first with gyroscopes had no pulses.
         let rows = self.times.len();
@@ -68,18 +68,18 @@ impl Rows {
         self.times.push(times);
     }
 
-    fn telemetry_of(&mut self, row: &RawSample) {
-        let values = telemetry(row).map(f64::to_bits);
+    fn temperature_of(&mut self, row: &RawSample) {
+        let values = temperature(row).map(f64::to_bits);
         let is_first = self.times.is_empty();
         let mut changed: u32 =
-            (0..TELEMETRY).filter(|of| is_first || values[*of] != self.last[*of]).fold(0, |all, of| all | 1 << of);
+            (0..TEMPERATURE).filter(|of| is_first || values[*of] != self.last[*of]).fold(0, |all, of| all | 1 << of);
         while changed != 0 {
             // Axes often share a thermometer.
             let value = values[changed.trailing_zeros() as usize];
-            let which = (0..TELEMETRY).filter(|of| changed & 1 << of != 0 && values[*of] == value);
+            let which = (0..TEMPERATURE).filter(|of| changed & 1 << of != 0 && values[*of] == value);
             let which = which.fold(0_u32, |all, of| all | 1 << of);
             let row = u32::try_from(self.times.len()).unwrap_or(u32::MAX);
-            self.telemetry.push(Change { row, which, value: f64::from_bits(value) });
+            self.temperature.push(Change { row, which, value: f64::from_bits(value) });
             changed &= !which;
         }
         self.last = values;
@@ -93,7 +93,7 @@ impl Rows {
     #[cfg(test)]
     pub(super) fn bytes(&self) -> usize {
         let pulses: usize = self.pulses.iter().map(|of| size_of_val(&of[..])).sum();
-        pulses + size_of_val(&self.times[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.telemetry[..])
+        pulses + size_of_val(&self.times[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.temperature[..])
     }
 
     /// The number of the block that a row is in.
@@ -122,19 +122,19 @@ impl Rows {
         core::iter::from_fn(move || cursor.next(self))
     }
 
-    fn sample(&self, block: &Block, row: usize, values: &[f64; TELEMETRY]) -> RawSample {
+    fn sample(&self, block: &Block, row: usize, values: &[f64; TEMPERATURE]) -> RawSample {
         let Period { session, sequence, timestamp_ns, interval_ns } = block.period(row, self.times[row]);
         let triad = |kind: usize| {
             let pulses = |shift: u32| {
                 [0, 1, 2].map(|axis| self.pulses.get(kind * AXES + axis).map_or(0, |of| (of[row] >> shift) as u32))
             };
-            let telemetry = |of: usize| [0, 1, 2].map(|axis| values[(kind * 3 + of) * AXES + axis]);
+            let temperature = |of: usize| [0, 1, 2].map(|axis| values[(kind * 3 + of) * AXES + axis]);
             Triad {
                 positive_pulses: pulses(32),
                 negative_pulses: pulses(0),
-                head_temperature: telemetry(0),
-                board_temperature: telemetry(1),
-                head_lagged: telemetry(2),
+                head_temperature: temperature(0),
+                board_temperature: temperature(1),
+                head_lagged: temperature(2),
             }
         };
         RawSample {
@@ -155,10 +155,10 @@ impl Rows {
         (self.times, self.blocks) = (Vec::new(), Vec::new());
     }
 
-    /// Head telemetry of a sensor, of each row in turn: the first row, and the value from it on.
+    /// Head temperature of a sensor, of each row in turn: the first row, and the value from it on.
     pub(super) fn head(&self, axis: usize) -> impl Iterator<Item = (usize, f64)> {
         let which = 1 << (axis / AXES * 3 * AXES + axis % AXES);
-        let changes = self.telemetry.iter().filter(move |change| change.which & which != 0);
+        let changes = self.temperature.iter().filter(move |change| change.which & which != 0);
         changes.map(|change| (change.row as usize, change.value))
     }
 }
@@ -168,17 +168,17 @@ pub(super) struct Cursor {
     row: usize,
     block: usize,
     change: usize,
-    telemetry: [f64; TELEMETRY],
+    temperature: [f64; TEMPERATURE],
 }
 
 impl Default for Cursor {
     fn default() -> Self {
-        Self { row: 0, block: 0, change: 0, telemetry: [f64::NAN; TELEMETRY] }
+        Self { row: 0, block: 0, change: 0, temperature: [f64::NAN; TEMPERATURE] }
     }
 }
 
 impl Cursor {
-    /// The next row. What says nothing of noise, when it was sent and when its telemetry was read, is 0.
+    /// The next row. What says nothing of noise, when it was sent and when its temperature was read, is 0.
     pub(super) fn next(&mut self, rows: &Rows) -> Option<RawSample> {
         let row = self.row;
         if row == rows.len() {
@@ -186,11 +186,13 @@ impl Cursor {
         }
         self.row += 1;
         self.block += usize::from(rows.blocks.get(self.block + 1).is_some_and(|next| next.begin == row));
-        while let Some(change) = rows.telemetry.get(self.change).filter(|change| change.row as usize <= row) {
-            (0..TELEMETRY).filter(|of| change.which & 1 << of != 0).for_each(|of| self.telemetry[of] = change.value);
+        while let Some(change) = rows.temperature.get(self.change).filter(|change| change.row as usize <= row) {
+            (0..TEMPERATURE)
+                .filter(|of| change.which & 1 << of != 0)
+                .for_each(|of| self.temperature[of] = change.value);
             self.change += 1;
         }
-        Some(rows.sample(&rows.blocks[self.block], row, &self.telemetry))
+        Some(rows.sample(&rows.blocks[self.block], row, &self.temperature))
     }
 }
 
@@ -220,8 +222,8 @@ impl Block {
     }
 }
 
-fn telemetry(row: &RawSample) -> [f64; TELEMETRY] {
-    let mut values = [0.0; TELEMETRY];
+fn temperature(row: &RawSample) -> [f64; TEMPERATURE] {
+    let mut values = [0.0; TEMPERATURE];
     let triads = [&row.accelerometers, &row.gyroscopes];
     let of = triads.map(|triad| [triad.head_temperature, triad.board_temperature, triad.head_lagged]);
     values.copy_from_slice(of.as_flattened().as_flattened());

@@ -22,7 +22,7 @@ pub struct SensorNoise {
     pub mean: f64,
     /// The Allan deviation; `None` if the rate never changes.
     pub allan: Option<Allan>,
-    /// The rate against head telemetry; `None` if the telemetry never changes or is not finite.
+    /// The rate against head temperature; `None` if the temperature never changes or is not finite.
     pub line: Option<TemperatureLine>,
     /// Standard deviation of the white noise of a row \[pulse\].
     pub white_counts: Option<f64>,
@@ -96,7 +96,7 @@ impl SensorNoise {
         }
         if let Some((_, from_s)) = self.contamination() {
             let message = format!(
-                "contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head telemetry is beside"
+                "contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head temperature is beside"
             );
             add(name::NOISE_TEMPERATURE, message);
         }

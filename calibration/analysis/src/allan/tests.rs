@@ -91,7 +91,7 @@ fn a_curve_is_that_of_the_definition() {
     }
 }
 
-/// Rows in little memory are the rows: their times, counts and telemetry, over gaps, late rows, sessions, long and odd
+/// Rows in little memory are the rows: their times, counts and temperature, over gaps, late rows, sessions, long and odd
 /// intervals.
 #[test]
 fn rows_that_are_kept_are_those_that_were_pushed() {

@@ -1,16 +1,16 @@
-//! The family curve: whether the mean curve of the other units says how the curve of a unit runs.
+//! The family curve: whether the mean curve of the other devices says how the curve of a device runs.
 
 /// The family curve of one quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Family {
-    /// For each unit, the rms of its curve less its mid value, in the quantity's unit.
+    /// For each device, the rms of its curve less its mid value, in the quantity's unit.
     pub alone: Vec<f64>,
-    /// For each unit, the rms of what the mean of the others leaves of it.
+    /// For each device, the rms of what the mean of the others leaves of it.
     pub left: Vec<f64>,
 }
 
 impl Family {
-    /// Of curves at the same points of the telemetry, each less its own mid value. `None` under three units, and where
+    /// Of curves at the same points of the temperature, each less its own mid value. `None` under three devices, and where
     /// no curve changes.
     #[must_use]
     pub fn of(curves: &[Vec<f64>]) -> Option<Self> {
@@ -29,20 +29,20 @@ impl Family {
         family.alone.iter().any(|rms| *rms > 0.0).then_some(family)
     }
 
-    /// What the others' mean leaves, over doing nothing: the ratio of the rms over all units.
+    /// What the others' mean leaves, over doing nothing: the ratio of the rms over all devices.
     #[must_use]
     pub fn ratio(&self) -> f64 {
         let square = |all: &[f64]| all.iter().map(|rms| rms * rms).sum::<f64>();
         (square(&self.left) / square(&self.alone)).sqrt()
     }
 
-    /// Units for which the others' mean leaves less than doing nothing.
+    /// Devices for which the others' mean leaves less than doing nothing.
     #[must_use]
     pub fn gains(&self) -> usize {
         self.left.iter().zip(&self.alone).filter(|(left, alone)| left < alone).count()
     }
 
-    /// Whether it is useful: the rms is halved, and three quarters of the units gain.
+    /// Whether it is useful: the rms is halved, and three quarters of the devices gain.
     #[must_use]
     pub fn is_useful(&self) -> bool {
         self.ratio() <= 0.5 && 4 * self.gains() >= 3 * self.alone.len()
@@ -64,7 +64,7 @@ mod tests {
         // No kind: the others' mean makes it worse.
         let apart = Family::of(&[-10.0, 10.0, -8.0, 9.0].map(line)).unwrap();
         assert!(!apart.is_useful() && apart.ratio() > 1.0, "{apart:?}");
-        // Half of the units gain, the others lose.
+        // Half of the devices gain, the others lose.
         let two = Family::of(&[100.0, 100.0, 0.1, 0.1].map(line)).unwrap();
         assert!(!two.is_useful() && two.gains() == 2);
         assert_eq!(Family::of(&[1.0, 1.0].map(line)), None);

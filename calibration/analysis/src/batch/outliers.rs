@@ -1,16 +1,16 @@
-//! Which unit of a batch stands out, and how far off a unit must be to be found.
+//! Which unit of a batch stands out, and how far off a device must be to be found.
 
 use isotherm_statistics::student_quantile_of;
 use statrs::function::erf::erfc;
 
-/// Fewest units that anything is said of.
-pub(crate) const FEWEST_UNITS: usize = 5;
-/// Probability that any unit stands out where all are of one kind; it is shared among all units and quantities.
+/// Fewest devices that anything is said of.
+pub(crate) const FEWEST_DEVICES: usize = 5;
+/// Probability that any device stands out where all are of one kind; it is shared among all devices and quantities.
 const FALSE_ALARM: f64 = 0.05;
-/// Probability that a unit is found, for the size that is told.
+/// Probability that a device is found, for the size that is told.
 pub(super) const POWER: f64 = 0.9;
 
-/// A unit that differs from the others in a quantity by more than chance makes.
+/// A device that differs from the others in a quantity by more than chance makes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandOut {
     /// Index of the unit.
@@ -23,23 +23,23 @@ pub struct StandOut {
     pub limit: f64,
 }
 
-/// The size of Student's t, with `units - 2` degrees of freedom, that any of `units` times `quantities` values exceeds
-/// with 5 % at most. `None` under 5 units or without quantities.
+/// The size of Student's t, with `devices - 2` degrees of freedom, that any of `devices` times `quantities` values exceeds
+/// with 5 % at most. `None` under 5 devices or without quantities.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use isotherm_analysis::limit;
 ///
-/// // Among more units less is enough.
+/// // Among more devices less is enough.
 /// let few = limit(5, 9).ok_or("no quantities")?;
 /// assert!((few - 12.5).abs() < 0.05 && limit(16, 9).is_some_and(|many| many < few));
 /// # Ok(())
 /// # }
 /// ```
 #[must_use]
-pub fn limit(units: usize, quantities: usize) -> Option<f64> {
-    (units >= FEWEST_UNITS && quantities > 0)
-        .then(|| student_quantile_of(1.0 - FALSE_ALARM / (units * quantities) as f64, (units - 2) as f64))
+pub fn limit(devices: usize, quantities: usize) -> Option<f64> {
+    (devices >= FEWEST_DEVICES && quantities > 0)
+        .then(|| student_quantile_of(1.0 - FALSE_ALARM / (devices * quantities) as f64, (devices - 2) as f64))
 }
 
 /// For each value, how far it is from the mean of the others:
@@ -47,7 +47,7 @@ pub fn limit(units: usize, quantities: usize) -> Option<f64> {
 /// ```text
 /// t = (x - mean of the others) / (s of the others * sqrt(1 + 1/(n-1)))
 /// ```
-/// If all units are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where
+/// If all devices are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where
 /// the others are all the same.
 #[must_use]
 pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
@@ -63,19 +63,19 @@ pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
     (0..values.len()).map(t).collect()
 }
 
-/// The units that stand out, the farthest first. `quantities` has the values of all units for each quantity.
+/// The devices that stand out, the farthest first. `quantities` has the values of all devices for each quantity.
 ///
 /// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the
-/// others are looked at again. At most a quarter of the units is taken out: of more, none is the odd one. `None` under
-/// 5 units.
+/// others are looked at again. At most a quarter of the devices is taken out: of more, none is the odd one. `None` under
+/// 5 devices.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// use isotherm_analysis::stand_outs;
 ///
-/// // A quantity of eight units; the sixth is far from the others.
+/// // A quantity of eight devices; the sixth is far from the others.
 /// let bias = vec![10.1, 9.8, 10.3, 9.9, 10.0, 14.0, 10.2, 9.7];
-/// let found = stand_outs(&[bias]).ok_or("fewer than five units")?;
+/// let found = stand_outs(&[bias]).ok_or("fewer than five devices")?;
 /// assert_eq!((found.len(), found[0].unit), (1, 5));
 /// assert!(found[0].t > found[0].limit);
 /// # Ok(())
@@ -83,10 +83,10 @@ pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
 /// ```
 #[must_use]
 pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
-    let units = quantities.first().map_or(0, Vec::len);
-    limit(units, quantities.len())?;
-    let (mut kept, mut found): (Vec<usize>, _) = ((0..units).collect(), Vec::new());
-    for _ in 0..units / 4 {
+    let devices = quantities.first().map_or(0, Vec::len);
+    limit(devices, quantities.len())?;
+    let (mut kept, mut found): (Vec<usize>, _) = ((0..devices).collect(), Vec::new());
+    for _ in 0..devices / 4 {
         let Some(limit) = limit(kept.len(), quantities.len()) else { break };
         let scores = quantities.iter().enumerate().flat_map(|(quantity, values)| {
             let values: Vec<f64> = kept.iter().map(|unit| values[*unit]).collect();
@@ -104,21 +104,21 @@ pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
     Some(found)
 }
 
-/// How many standard deviations of the units a unit must be off in one quantity, so that it is found with a probability
-/// of 90 %. `None` under 5 units.
+/// How many standard deviations of the devices a device must be off in one quantity, so that it is found with a probability
+/// of 90 %. `None` under 5 devices.
 ///
 /// Then t follows the noncentral t distribution with the noncentrality `off * sqrt((n-1)/n)`.
 #[must_use]
-pub fn least_found(units: usize, quantities: usize) -> Option<f64> {
-    let limit = limit(units, quantities)?;
-    let to_mean = ((units - 1) as f64 / units as f64).sqrt();
+pub fn least_found(devices: usize, quantities: usize) -> Option<f64> {
+    let limit = limit(devices, quantities)?;
+    let to_mean = ((devices - 1) as f64 / devices as f64).sqrt();
     let (mut low, mut high) = (0.0, 1.0);
-    while exceeds(limit, units - 2, high * to_mean) < POWER {
+    while exceeds(limit, devices - 2, high * to_mean) < POWER {
         (low, high) = (high, 2.0 * high);
     }
     for _ in 0..60 {
         let middle = f64::midpoint(low, high);
-        if exceeds(limit, units - 2, middle * to_mean) < POWER { low = middle } else { high = middle }
+        if exceeds(limit, devices - 2, middle * to_mean) < POWER { low = middle } else { high = middle }
     }
     Some(high)
 }
@@ -144,11 +144,11 @@ mod tests {
     #[test]
     fn what_is_found_is_that_of_the_noncentral_t_distribution() {
         // From an independent computation (SciPy's nct), for 30 quantities.
-        for (units, right_limit, right) in
+        for (devices, right_limit, right) in
             [(5, 18.708_878, 30.282_4), (8, 7.965_969, 11.617_0), (16, 5.340_838, 7.301_6), (32, 4.714_695, 6.275_3)]
         {
-            assert!((limit(units, 30).unwrap() - right_limit).abs() < 1e-5);
-            assert!((least_found(units, 30).unwrap() - right).abs() < 1e-3, "{:?}", least_found(units, 30));
+            assert!((limit(devices, 30).unwrap() - right_limit).abs() < 1e-5);
+            assert!((least_found(devices, 30).unwrap() - right).abs() < 1e-3, "{:?}", least_found(devices, 30));
         }
         assert_eq!((limit(4, 30), least_found(4, 30), stand_outs(&vec![vec![0.0; 4]; 30])), (None, None, None));
     }

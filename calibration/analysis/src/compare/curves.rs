@@ -19,7 +19,7 @@ pub struct Band {
     pub freedom: f64,
     /// Half the width of the band over the standard error: sqrt(k F(k, freedom; 1 - 0.05/n)) with k coefficients, n the
     /// number of curves: 9, or 18 with gyroscopes. So the bands hold the whole differences of all true curves, at all
-    /// telemetries at once, with 95 % (Scheffe).
+    /// temperatures at once, with 95 % (Scheffe).
     pub factor: f64,
 }
 
@@ -65,10 +65,10 @@ impl CurveComparison {
         count: usize,
     ) -> Self {
         let plain = CurveDifference::of((kind, axis, quantity), [&old.curve, &new.curve], range);
-        let telemetry = &plain.telemetry;
-        let factors: Vec<f64> = telemetry.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
+        let temperature = &plain.temperature;
+        let factors: Vec<f64> = temperature.iter().map(|u| unit_factor(kind, quantity, old.at(*u))).collect();
         let variances: Option<Vec<[f64; 2]>> =
-            telemetry.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
+            temperature.iter().map(|u| Some([old.variance(*u)?, new.variance(*u)?])).collect();
         let band = variances.zip(old.freedom().zip(new.freedom())).map(|(variances, (a, b))| {
             let freedom = median(variances.iter().map(|pair| welch(*pair, [a, b])));
             let k = old.coefficients().max(new.coefficients()) as f64;

@@ -87,7 +87,7 @@ pub(crate) struct FormCurve {
 }
 
 impl FormCurve {
-    /// The telemetry that it holds for: where it was measured, if that is known and more than one value.
+    /// The temperature that it holds for: where it was measured, if that is known and more than one value.
     pub(crate) fn range(&self) -> [f64; 2] {
         let measured = self.errors.as_ref().and_then(|errors| errors.measured);
         measured.filter(|[low, high]| low < high).unwrap_or(self.curve.polynomial().range())
@@ -99,24 +99,24 @@ impl FormCurve {
     }
 
     /// Its value \[its unit\].
-    pub(crate) fn at(&self, telemetry: f64) -> f64 {
-        self.curve.at(telemetry)
+    pub(crate) fn at(&self, temperature: f64) -> f64 {
+        self.curve.at(temperature)
     }
 
     /// Variance of the value; `None` if it is not known, or if it is not over 0, which no variance is.
-    pub(crate) fn variance(&self, telemetry: f64) -> Option<f64> {
+    pub(crate) fn variance(&self, temperature: f64) -> Option<f64> {
         let known = |errors: &&CurveErrors| {
             errors.measured.is_none_or(|[low, high]| {
                 let rounding = 1e-9 * (high - low);
-                (low - rounding..=high + rounding).contains(&telemetry)
+                (low - rounding..=high + rounding).contains(&temperature)
             })
         };
         let errors = self.errors.as_ref().filter(known)?;
         let slope = errors.slope.map_or(0.0, |slope| {
-            slope.per_unit * (telemetry - slope.about) / student_quantile_of(CONFIDENCE, errors.freedom)
+            slope.per_unit * (temperature - slope.about) / student_quantile_of(CONFIDENCE, errors.freedom)
         });
         let polynomial = self.curve.polynomial();
-        let x = (telemetry - polynomial.center()) / polynomial.scale();
+        let x = (temperature - polynomial.center()) / polynomial.scale();
         let powers = DVector::from_fn(self.coefficients(), |k, _| x.powi(k as i32));
         let variance = (powers.dot(&(&errors.covariance * &powers)) + slope * slope) * self.curve.factor().powi(2);
         (variance > 0.0 && variance.is_finite()).then_some(variance)

@@ -17,8 +17,8 @@ pub struct Trend {
     pub quantity: &'static str,
     /// Unit of the values; the slope is per year.
     pub unit: &'static str,
-    /// Telemetry of the values: the middle of the range that all tables have.
-    pub telemetry: f64,
+    /// Temperature of the values: the middle of the range that all tables have.
+    pub temperature: f64,
     /// Time of each table since the first one \[years of 365.25 days\].
     pub years: Vec<f64>,
     /// Value of each table less that of the first one.
@@ -45,13 +45,13 @@ impl Trend {
     pub(super) fn of(
         (kind, axis, quantity): (SensorKind, usize, usize),
         curves: &[&FormCurve],
-        telemetry: f64,
+        temperature: f64,
         years: &[f64],
     ) -> Self {
-        let first = curves.first().map_or(f64::NAN, |curve| curve.at(telemetry));
+        let first = curves.first().map_or(f64::NAN, |curve| curve.at(temperature));
         let factor = unit_factor(kind, quantity, first);
-        let values: Vec<f64> = curves.iter().map(|curve| (curve.at(telemetry) - first) * factor).collect();
-        let error = |curve: &&FormCurve| Some(curve.variance(telemetry)?.sqrt() * factor.abs());
+        let values: Vec<f64> = curves.iter().map(|curve| (curve.at(temperature) - first) * factor).collect();
+        let error = |curve: &&FormCurve| Some(curve.variance(temperature)?.sqrt() * factor.abs());
         let standard_errors: Option<Vec<f64>> = curves.iter().map(error).collect();
         let weights: Vec<f64> = match &standard_errors {
             Some(errors) => errors.iter().map(|error| 1.0 / (error * error)).collect(),
@@ -72,7 +72,7 @@ impl Trend {
             sensor: kind.names()[axis],
             quantity: QUANTITIES[quantity],
             unit: unit(kind, quantity),
-            telemetry,
+            temperature,
             years: years.to_vec(),
             values,
             chi2: standard_errors.is_some().then_some(scatter),

@@ -1,4 +1,4 @@
-//! Statistics of a batch: real units, false alarms, what is found, and units with other orders.
+//! Statistics of a batch: real devices, false alarms, what is found, and devices with other orders.
 
 use isotherm_analysis::{Batch, batch, least_found, leave_one_out, limit, stand_outs};
 use isotherm_fit::{Origin, TableFile};
@@ -47,29 +47,29 @@ fn spread(values: &[f64]) -> f64 {
 fn false_alarms_are_as_rare_as_stated() {
     const REPORTS: u32 = 2000;
     let mut random = RandomGenerator::new(1, 0);
-    for units in [5, 8, 16, 32] {
+    for devices in [5, 8, 16, 32] {
         let (mut alarms, mut found) = (0, 0);
-        let size = least_found(units, 30).unwrap();
+        let size = least_found(devices, 30).unwrap();
         for _ in 0..REPORTS {
-            let mut values: Vec<Vec<f64>> = (0..30).map(|_| (0..units).map(|_| random.normal()).collect()).collect();
+            let mut values: Vec<Vec<f64>> = (0..30).map(|_| (0..devices).map(|_| random.normal()).collect()).collect();
             alarms += u32::from(!stand_outs(&values).unwrap().is_empty());
             values[7][3] += size;
             found += u32::from(stand_outs(&values).unwrap().iter().any(|it| (it.unit, it.quantity) == (3, 7)));
         }
         let percent = |count: u32| f64::from(count) * 100.0 / f64::from(REPORTS);
         println!(
-            "{units} units: false alarms {} %; {size:.1} standard deviations found in {} %",
+            "{devices} devices: false alarms {} %; {size:.1} standard deviations found in {} %",
             percent(alarms),
             percent(found)
         );
-        assert!((2.5..=6.5).contains(&percent(alarms)), "{units}: {alarms}");
-        assert!((87.0..93.0).contains(&percent(found)), "{units}: {found}");
+        assert!((2.5..=6.5).contains(&percent(alarms)), "{devices}: {alarms}");
+        assert!((87.0..93.0).contains(&percent(found)), "{devices}: {found}");
     }
 }
 
 #[test]
 fn a_quarter_of_the_units_at_most_is_taken_out_one_at_a_time() {
-    // Of eight units two are off, the one far enough to hide the other at first.
+    // Of eight devices two are off, the one far enough to hide the other at first.
     let mut values = vec![0.3, -1.0, 0.8, -0.2, 1.1, -0.7, 100.0, 1.0e5];
     let found = stand_outs(&[values.clone()]).unwrap();
     assert_eq!(found.iter().map(|it| it.unit).collect::<Vec<_>>(), [7, 6]);
@@ -80,7 +80,7 @@ fn a_quarter_of_the_units_at_most_is_taken_out_one_at_a_time() {
     assert_eq!(stand_outs(&[values]).unwrap().len(), 2);
 }
 
-/// The published table with other numbers, as one of a unit: biases with `bias_ug0` more and `slope` ug0/V more, orders
+/// The published table with other numbers, as one of a device: biases with `bias_ug0` more and `slope` ug0/V more, orders
 /// of 3 or, with `order`, another one.
 fn unit(name: &str, bias_ug0: f64, slope: f64, order: Option<usize>) -> TableFile {
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/2023.toml")).unwrap();
@@ -105,13 +105,13 @@ fn unit(name: &str, bias_ug0: f64, slope: f64, order: Option<usize>) -> TableFil
 
 fn of(shifts: &[(f64, f64)], order: Option<usize>) -> Batch {
     let names = ["imu-a", "imu-b", "imu-c", "imu-d", "imu-e", "imu-f"];
-    let units: Vec<_> = names
+    let devices: Vec<_> = names
         .iter()
         .zip(shifts)
         .enumerate()
         .map(|(i, (name, (bias, slope)))| unit(name, *bias, *slope, order.filter(|_| i == 2)))
         .collect();
-    batch(&units).unwrap()
+    batch(&devices).unwrap()
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn units_with_other_orders_are_compared_by_their_curves() {
     let (same, other) = (of(&shifts, None), of(&shifts, Some(6)));
     assert_eq!(same.quantities, other.quantities);
     assert_eq!(same.stand_outs, Some(Vec::new()));
-    // Bias at three telemetries and its slope; K+ and K- are the same in all units. One misalignment, and the
+    // Bias at three temperatures and its slope; K+ and K- are the same in all devices. One misalignment, and the
     // residuals.
     let names: Vec<_> = same.quantities.iter().take(4).map(|quantity| quantity.name.as_str()).collect();
     assert_eq!(names, ["A1 bias at 1.1000", "A1 bias at 2.5000", "A1 bias at 3.9000", "A1 bias slope"]);
@@ -132,13 +132,13 @@ fn units_with_other_orders_are_compared_by_their_curves() {
     assert!((spread(&slope.values) - 0.5).abs() < 1e-9 && slope.unit == "ug0/V");
     assert!(
         same.verdict()[0]
-            .starts_with("No unit stands out: no |t| is over 15.1, the limit for 5 units and 16 quantities."),
+            .starts_with("No device stands out: no |t| is over 15.1, the limit for 5 devices and 16 quantities."),
         "{:?}",
         same.verdict()
     );
-    assert!(same.power().starts_with("Here: 25 among 5 units. With 16 quantities"), "{}", same.power());
+    assert!(same.power().starts_with("Here: 25 among 5 devices. With 16 quantities"), "{}", same.power());
     // The curves are of one family: they differ by constants and small slopes.
-    assert!(same.families()[0].ends_with("5 of 5 units gain: a family curve is useful"), "{:?}", same.families());
+    assert!(same.families()[0].ends_with("5 of 5 devices gain: a family curve is useful"), "{:?}", same.families());
 }
 
 #[test]
@@ -175,23 +175,23 @@ fn a_unit_that_stands_out_is_named_with_its_value() {
     // Its slope does not.
     assert!(!lines.iter().any(|line| line.contains("slope")), "{lines:?}");
     let four = of(&[(1.0, 0.1), (-2.0, 0.3), (3.0, -0.2), (5000.0, 0.0)], None);
-    assert_eq!(four.verdict(), ["4 units are too few to say whether one stands out; it takes 5."]);
+    assert_eq!(four.verdict(), ["4 devices are too few to say whether one stands out; it takes 5."]);
     assert!(four.power().starts_with("With 16 quantities"), "{}", four.power());
 }
 
 #[test]
 fn tables_that_are_no_batch_are_refused() {
     let unit = |name: &str| unit(name, 0.0, 0.0, None);
-    let refused = |units: &[TableFile]| batch(units).unwrap_err().to_string();
+    let refused = |devices: &[TableFile]| batch(devices).unwrap_err().to_string();
     assert!(refused(&[unit("imu-a")]).contains("fewer than two tables"));
     assert!(refused(&[unit("imu-a"), unit("imu-b"), unit("imu-a")]).contains("two tables are of imu-a"));
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/celsius.toml")).unwrap().replace("imu-a", "imu-c");
     let celsius = TableFile::from_toml("celsius.toml", &text).unwrap();
-    assert!(refused(&[unit("imu-a"), celsius]).contains("telemetry in V and degC"));
+    assert!(refused(&[unit("imu-a"), celsius]).contains("temperature in V and degC"));
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/far.toml")).unwrap().replace("imu-a", "imu-c");
     let far = batch(&[unit("imu-a"), TableFile::from_toml("far.toml", &text).unwrap()]).unwrap();
     assert!(
-        far.quantities.is_empty() && far.findings[0].message.starts_with("A1 bias: the units have no common range"),
+        far.quantities.is_empty() && far.findings[0].message.starts_with("A1 bias: the devices have no common range"),
         "{far:?}"
     );
 }

@@ -247,7 +247,7 @@ fn what_cannot_be_compared_is_said() {
     assert!(undated("2024-03-05T10:00:00Z").is_ok());
     let same = vec![table("2023"), table("2023"), table("2023")];
     assert!(compare(same, false).unwrap_err().to_string().contains("all tables have the same date"));
-    // A covariance that cannot be right is as good as none: one row too few, one of another unit, one that is no
+    // A covariance that cannot be right is as good as none: one row too few, one of another device, one that is no
     // covariance.
     for (from, to) in [
         ("degrees_of_freedom = 11", "degrees_of_freedom = 0"),
@@ -280,7 +280,7 @@ fn files_out_of_date_order_give_the_same_line() {
     assert!((backwards.curves[0].mean() + compared(&["2023", "2024"]).curves[0].mean()).abs() < 1e-9);
 }
 
-/// Telemetry of the set points of a simulated calibration.
+/// Temperature of the set points of a simulated calibration.
 fn set_points() -> Vec<f64> {
     (0..15).map(|i| 1.1 + 0.2 * f64::from(i)).collect()
 }
@@ -288,8 +288,8 @@ fn set_points() -> Vec<f64> {
 /// A calibration of `truth` in which each curve is a regression of its own with 15 set points, so that every error is
 /// known: 0.1 ug0 and 0.5 ppm. Its biases are off by `shift_ug0`.
 fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: f64, unix_s: f64) -> TableFile {
-    let telemetry = set_points();
-    let design = DMatrix::from_fn(telemetry.len(), 4, |i, k| ((telemetry[i] - 2.5) / 1.4).powi(k as i32));
+    let temperature = set_points();
+    let design = DMatrix::from_fn(temperature.len(), 4, |i, k| ((temperature[i] - 2.5) / 1.4).powi(k as i32));
     let inverse = (design.transpose() * &design).try_inverse().unwrap();
     let (mut content, mut origin) = (truth.content().clone(), Origin { unix_s: Some(unix_s), ..Origin::default() });
     let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
@@ -298,7 +298,7 @@ fn simulated(truth: &CoefficientTable, random: &mut RandomGenerator, shift_ug0: 
         for ((curve, error), (shift, sd)) in
             curves.into_iter().zip(errors).zip([(shift_ug0, 0.1), (0.0, 0.045), (0.0, 0.045)])
         {
-            let y = DVector::from_iterator(15, telemetry.iter().map(|u| curve.at(*u) + shift + sd * random.normal()));
+            let y = DVector::from_iterator(15, temperature.iter().map(|u| curve.at(*u) + shift + sd * random.normal()));
             let coefficients = &inverse * design.transpose() * &y;
             let variance = (&y - &design * &coefficients).norm_squared() / 11.0;
             *curve = Polynomial::new(coefficients.as_slice(), 2.5, 1.4, [1.1, 3.9]).unwrap();

@@ -1,4 +1,4 @@
-//! The checks of scale: telemetry against the set points, scale factors against each other.
+//! The checks of scale: temperature against the set points, scale factors against each other.
 
 use super::{Checker, Column};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable};
@@ -6,15 +6,15 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 use isotherm_support::finding::{Finding, Severity, name};
 
-/// Telemetry in degC or K does not rise faster than this with the chamber \[degC/degC\]. Fahrenheit has 1.8.
+/// Temperature in degC or K does not rise faster than this with the chamber \[degC/degC\]. Fahrenheit has 1.8.
 const STEEP: f64 = 1.5;
 /// Set points over a smaller span do not show a slope: the IMU warms up by as much \[degC\].
 const SLOPE_SPAN: f64 = 15.0;
-/// Telemetry that differs more from the set points gives a warning; an IMU with an oven has such an offset \[degC\].
+/// Temperature that differs more from the set points gives a warning; an IMU with an oven has such an offset \[degC\].
 const OFFSET: f64 = 30.0;
 /// No IMU is so much warmer or colder than its chamber \[degC\].
 const IMPOSSIBLE_OFFSET: f64 = 150.0;
-/// Telemetry that falls by more than this part of the usual step, where the others rise, gives a warning.
+/// Temperature that falls by more than this part of the usual step, where the others rise, gives a warning.
 const REVERSAL: f64 = 0.5;
 /// K+ and |K-| of one accelerometer do not differ by a larger factor.
 const CHANNEL_FACTOR: f64 = 1.5;
@@ -23,10 +23,10 @@ const CHANNEL_FACTOR: f64 = 1.5;
 type Columns = (Vec<String>, f64);
 
 impl Checker<'_> {
-    /// Telemetry against the set points.
+    /// Temperature against the set points.
     pub(super) fn scale(&mut self, columns: &[Column]) {
         if let Some(zero) = zero_of(&self.campaign.temperature_unit) {
-            self.temperature(columns, zero);
+            self.slope_and_offset(columns, zero);
         }
         let mut reversed: Option<(Vec<String>, f64)> = None;
         let mut pair = None;
@@ -38,11 +38,11 @@ impl Checker<'_> {
         }
         if let Some((columns, [step, spread, digit])) = coarse {
             let message = format!(
-                "telemetry ({}) changes by {step:.4} from set point to set point and by {spread:.4} within a dwell, its last digit is {digit:.1e}: is \
+                "temperature ({}) changes by {step:.4} from set point to set point and by {spread:.4} within a dwell, its last digit is {digit:.1e}: is \
                  the sensor in an oven, is it connected and in the IMU, and was the temperature settled?",
                 list(&columns)
             );
-            self.findings.push(Finding::whole(Severity::Warning, name::TELEMETRY_DRIFT, message));
+            self.findings.push(Finding::whole(Severity::Warning, name::TEMPERATURE_DRIFT, message));
         }
         for Column { name, means, .. } in columns.iter().filter(|column| column.coarse.is_none()) {
             if let Some(set_point) = reversal(means) {
@@ -56,17 +56,18 @@ impl Checker<'_> {
                     format!(": {a} and {b} degC look exchanged; exchange them in the samples' column set_point_c")
                 }
                 None => format!(
-                    ", at {set_point} degC it is over half a step on the wrong side: mend the samples' column set_point_c, or the columns of \
-                     telemetry if they are of another sensor"
+                    ", at {set_point} degC it is over half a step on the wrong side: fix the samples' column set_point_c, or the columns of \
+                     temperature if they are of another sensor"
                 ),
             };
-            let message = format!("telemetry ({}) does not follow the order of the set points{remedy}", list(&columns));
-            self.findings.push(Finding::whole(Severity::Warning, name::TELEMETRY_ORDER, message));
+            let message =
+                format!("temperature ({}) does not follow the order of the set points{remedy}", list(&columns));
+            self.findings.push(Finding::whole(Severity::Warning, name::TEMPERATURE_ORDER, message));
         }
     }
 
-    /// Slope and offset of telemetry in degC or K; `zero` is 0 degC in its unit.
-    fn temperature(&mut self, columns: &[Column], zero: f64) {
+    /// Slope and offset of temperature in degC or K; `zero` is 0 degC in its unit.
+    fn slope_and_offset(&mut self, columns: &[Column], zero: f64) {
         let unit = self.campaign.temperature_unit.clone();
         let [mut steep, mut far, mut offset]: [Option<Columns>; 3] = [None, None, None];
         for Column { name: column, means, .. } in columns {
@@ -87,10 +88,10 @@ impl Checker<'_> {
         self.findings.extend(far.map(|(columns, usual)| too_far(&columns, usual, &unit)));
         self.findings.extend(offset.map(|(columns, most)| {
             let message = format!(
-                "telemetry ({}) is up to {most:.0} {unit} off the set points; is the IMU heated, and is {unit} its unit?",
+                "temperature ({}) is up to {most:.0} {unit} off the set points; is the IMU heated, and is {unit} its unit?",
                 list(&columns)
             );
-            Finding::warning(name::TELEMETRY_OFFSET, message)
+            Finding::warning(name::TEMPERATURE_OFFSET, message)
         }));
     }
 
@@ -101,7 +102,7 @@ impl Checker<'_> {
             if !(CHANNEL_FACTOR.recip()..=CHANNEL_FACTOR).contains(&(plus / minus)) {
                 let message = format!(
                     "{accelerometer}: K+ is {plus:.0} and |K-| {minus:.0} pulse/(s*g0), a factor of {:.3}; the two channels of a converter \
-                     do not differ so much: one of them is divided, or loses pulses; mend its converter, cable or column, and measure again",
+                     do not differ so much: one of them is divided, or loses pulses; fix its converter, cable or column, and measure again",
                     (plus / minus).max(minus / plus)
                 );
                 self.findings.push(Finding::whole(Severity::Fault, name::CHANNELS_DIFFER, message));
@@ -116,7 +117,7 @@ pub(crate) fn unlike_scale_factors(table: &CoefficientTable) -> Vec<Finding> {
     unlike.map(|message| Finding::whole(Severity::Warning, name::AXES_DIFFER, message)).collect()
 }
 
-/// 0 degC in the unit of the telemetry, if that is degC or K. Anything else in the label is another unit, such as kΩ,
+/// 0 degC in the unit of the temperature, if that is degC or K. Anything else in the label is another unit, such as kΩ,
 /// mK or K/100. So is a small k or c.
 pub(crate) fn zero_of(unit: &str) -> Option<f64> {
     // People write the degree sign also as the ordinal indicator.
@@ -152,7 +153,7 @@ fn span(means: &[(f64, f64)]) -> f64 {
     high - low
 }
 
-/// Telemetry per degC of the set points: the median of the slopes between every two of them.
+/// Temperature per degC of the set points: the median of the slopes between every two of them.
 pub(super) fn slope(means: &[(f64, f64)]) -> f64 {
     let slopes = means.iter().enumerate().flat_map(|(i, a)| {
         let others = means[..i].iter().filter(move |b| b.0 != a.0);
@@ -161,7 +162,7 @@ pub(super) fn slope(means: &[(f64, f64)]) -> f64 {
     median(slopes)
 }
 
-/// The set point whose telemetry is over half a step on the wrong side of that of its neighbour.
+/// The set point whose temperature is over half a step on the wrong side of that of its neighbour.
 fn reversal(means: &[(f64, f64)]) -> Option<f64> {
     let mut values: Vec<f64> = means.iter().map(|(set_point, _)| *set_point).collect();
     values.sort_by(f64::total_cmp);
@@ -180,19 +181,19 @@ fn exchanged(means: &[(f64, f64)]) -> Option<[f64; 2]> {
     values.sort_by(f64::total_cmp);
     values.dedup();
     let mean = |value: &f64| median(means.iter().filter(|(point, _)| point == value).map(|(_, mean)| *mean));
-    let telemetry: Vec<f64> = values.iter().map(mean).collect();
+    let temperature: Vec<f64> = values.iter().map(mean).collect();
     // Exchanged ends change the sign of the slope.
     let ordered = |(i, j): &(usize, usize)| {
-        let mut telemetry = telemetry.clone();
-        telemetry.swap(*i, *j);
-        telemetry.is_sorted() || telemetry.is_sorted_by(|a, b| a >= b)
+        let mut temperature = temperature.clone();
+        temperature.swap(*i, *j);
+        temperature.is_sorted() || temperature.is_sorted_by(|a, b| a >= b)
     };
     let mut found = (0..values.len()).flat_map(|i| (i + 1..values.len()).map(move |j| (i, j))).filter(ordered);
     let (i, j) = found.next()?;
     found.next().is_none().then(|| [values[i], values[j]])
 }
 
-/// Telemetry that changes by more than the set points.
+/// Temperature that changes by more than the set points.
 fn too_steep(columns: &[String], slope: f64, unit: &str) -> Finding {
     let cause = if (slope - 1.8).abs() < 0.15 {
         "it looks like degrees Fahrenheit; convert it, (F - 32) / 1.8, or state the unit that it has"
@@ -202,13 +203,13 @@ fn too_steep(columns: &[String], slope: f64, unit: &str) -> Finding {
         "state the unit that it has as temperature_unit"
     };
     let message = format!(
-        "telemetry ({}) changes by {slope:.2} for each degC of the set points, under temperature_unit = \"{unit}\": {cause}",
+        "temperature ({}) changes by {slope:.2} for each degC of the set points, under temperature_unit = \"{unit}\": {cause}",
         list(columns)
     );
-    Finding::fault(name::TELEMETRY_SLOPE, message)
+    Finding::fault(name::TEMPERATURE_SLOPE, message)
 }
 
-/// Telemetry that no IMU has at these set points.
+/// Temperature that no IMU has at these set points.
 fn too_far(columns: &[String], usual: f64, unit: &str) -> Finding {
     let cause = match usual {
         230.0..=320.0 => "it looks like kelvin; state temperature_unit = \"K\", or convert it",
@@ -216,10 +217,10 @@ fn too_far(columns: &[String], usual: f64, unit: &str) -> Finding {
         _ => "state the unit that it has as temperature_unit",
     };
     let message = format!(
-        "telemetry ({}) is {usual:.0} {unit} off the set points, more than any IMU from its chamber: {cause}",
+        "temperature ({}) is {usual:.0} {unit} off the set points, more than any IMU from its chamber: {cause}",
         list(columns)
     );
-    Finding::fault(name::TELEMETRY_OFFSET, message)
+    Finding::fault(name::TEMPERATURE_OFFSET, message)
 }
 
 #[cfg(test)]
@@ -229,8 +230,8 @@ mod tests {
     #[test]
     fn exchanged_set_points_are_named() {
         let volts = |order: &[f64], rising: f64| -> Vec<(f64, f64)> {
-            let telemetry = (-3..).map(|k| 2.1 + rising * 0.4 * f64::from(k));
-            order.iter().copied().zip(telemetry).collect()
+            let temperature = (-3..).map(|k| 2.1 + rising * 0.4 * f64::from(k));
+            order.iter().copied().zip(temperature).collect()
         };
         let order = [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0];
         for rising in [1.0, -1.0] {

@@ -104,7 +104,7 @@ impl Checker<'_> {
         let message = match self.campaign.layout {
             SampleLayout::Means => {
                 "means have no times and no rows: soak, missing rows, drift and motion within a dwell, its noise and full \
-                 converters are not looked at; telemetry that changed within a dwell is an error that nothing shows"
+                 converters are not looked at; temperature that changed within a dwell is an error that nothing shows"
             }
             _ => {
                 "the samples have no times that hold for the whole campaign: soak, and motions and ramps that are too fast, \
@@ -185,7 +185,7 @@ impl Checker<'_> {
             );
             self.findings.push(Finding::whole(Severity::Warning, name::INTERVAL, message));
         }
-        // Sums, or a part of the samples, without consecutive sequences: only a ratio that is a unit's factor is no
+        // Sums, or a part of the samples, without consecutive sequences: only a ratio that is a device's factor is no
         // gap.
         let [step, sample] = [0, 1].map(|k| median(self.dwells.iter().map(|dwell| dwell.sparse_interval_ratios()[k])));
         if all.is_nan() && is_off(sample) && unit_factor(step).is_some() {
@@ -219,7 +219,7 @@ impl Checker<'_> {
             Some(factor) => format!(
                 "all times look {factor} times too short: give timestamp_ns and interval_ns in nanoseconds (multiply both by {factor})"
             ),
-            None => "times or positions are wrong; mend the rows, with the true time of each".to_owned(),
+            None => "times or positions are wrong; fix the rows, with the true time of each".to_owned(),
         };
         let message = format!(
             "positions {} and {} are {:.0} degrees apart, {:.4} s after each other{more}; no turntable moves so fast: {cause}",
@@ -238,7 +238,7 @@ impl Checker<'_> {
 
     /// Temperatures that change faster from set point to set point than those of any IMU.
     fn fast_ramps(&self, set_points: &[SetPoint]) -> Option<Finding> {
-        // Degrees per unit of telemetry, from the set points; the heads' mean, because one may be broken.
+        // Degrees per unit of temperature, from the set points; the heads' mean, because one may be broken.
         let head = |dwell: &Dwell| (0..3).map(|axis| dwell.sums.head(axis)).sum::<f64>() / 3.0;
         let means: Vec<(f64, f64)> = set_points
             .iter()
@@ -247,7 +247,7 @@ impl Checker<'_> {
         let slope = super::scale::slope(&means);
         let ramp = |(before, after): (&Dwell, &Dwell)| {
             let asked = (after.set_point_c - before.set_point_c).abs();
-            // Where telemetry hardly depends on the chamber its noise is a large change of the temperature.
+            // Where temperature hardly depends on the chamber its noise is a large change of the temperature.
             let change = ((head(after) - head(before)) / slope).abs().min(2.0 * asked);
             let gap = gap_s(before, after)?;
             (asked > 0.0 && change > RAMP * asked).then(|| change / gap.max(1e-9))

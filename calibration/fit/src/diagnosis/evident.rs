@@ -59,14 +59,14 @@ fn without_pulses(dead: &[(usize, usize)]) -> Option<String> {
     let word = |channel: usize| ["+", "-"][channel];
     Some(match dead {
         [(axis, channel)] => format!(
-            "the {} channel of {} gives no pulse in the whole campaign: mend its converter or cable, or the column a{}_{}, and measure again",
+            "the {} channel of {} gives no pulse in the whole campaign: fix its converter or cable, or the column a{}_{}, and measure again",
             word(*channel),
             AXIS_NAMES[*axis],
             axis + 1,
             ["positive", "negative"][*channel]
         ),
         [(a, _), (b, _)] if a == b => format!(
-            "{} gives no pulse in the whole campaign: mend the accelerometer, its converter or cable, or the columns of its pulses, and \
+            "{} gives no pulse in the whole campaign: fix the accelerometer, its converter or cable, or the columns of its pulses, and \
              measure again",
             AXIS_NAMES[*a]
         ),
@@ -86,7 +86,7 @@ fn without_pulses(dead: &[(usize, usize)]) -> Option<String> {
             let mut parts: Vec<_> = (0..AXES).filter_map(part).collect();
             let last = parts.pop().unwrap_or_default();
             format!(
-                "{} and {last} give no pulse in the whole campaign: mend what they share, such as a supply, a connector or a converter, or the \
+                "{} and {last} give no pulse in the whole campaign: fix what they share, such as a supply, a connector or a converter, or the \
                  columns of their pulses, and measure again",
                 parts.join(", ")
             )

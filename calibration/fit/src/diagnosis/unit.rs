@@ -1,4 +1,4 @@
-//! Another unit from a set point on, or an IMU that was turned on its fixture there.
+//! Another device from a set point on, or an IMU that was turned on its fixture there.
 //!
 //! Misalignments do not depend on temperature. Where each set point agrees with itself, but the misalignments of those
 //! before a time and after it are two groups, the IMU before it is not the IMU after it. A turn on the fixture leaves
@@ -25,7 +25,7 @@ const DIFFERENT: f64 = 5e-5;
 const TURNED: f64 = 0.2;
 
 /// The diagnosis, if the set points are two groups.
-pub(super) fn other_unit(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> Option<Diagnosis> {
+pub(super) fn other_device(campaign: &Campaign, dwells: &[Dwell], set_points: &[SetPoint]) -> Option<Diagnosis> {
     let reduced: Option<Vec<(Misalignments, f64)>> =
         set_points.iter().map(|set_point| misalignments(campaign, dwells, set_point)).collect();
     let (values, residuals): (Vec<Misalignments>, Vec<f64>) = reduced?.into_iter().unzip();
@@ -50,7 +50,7 @@ pub(super) fn other_unit(campaign: &Campaign, dwells: &[Dwell], set_points: &[Se
     let what = if rms(&symmetric(&differs)) < TURNED * size {
         "the IMU was turned on its fixture, or taken off and put on again"
     } else {
-        "the rows are of another unit"
+        "the rows are of another device"
     };
     let message = format!(
         "from set point {from} degC on {what}: misalignments differ by {:.2} mrad there, and by {:.3} mrad within the set points before and after; \
@@ -58,7 +58,7 @@ pub(super) fn other_unit(campaign: &Campaign, dwells: &[Dwell], set_points: &[Se
         size * 1e3,
         scatter * 1e3
     );
-    Some(diagnosis(name::OTHER_UNIT, message, OF_FORCES))
+    Some(diagnosis(name::DEVICE_CHANGED, message, OF_FORCES))
 }
 
 /// The misalignments of a set point, with the largest residual \[g0\].

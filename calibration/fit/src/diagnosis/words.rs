@@ -75,7 +75,7 @@ impl Trials<'_> {
         everywhere: bool,
     ) -> (&'static str, String) {
         // Where only a part of the campaign is wrong it is not the campaign file.
-        let or_file = |mend: &str| if everywhere { format!(", or {mend}") } else { " in these rows".to_owned() };
+        let or_file = |fix: &str| if everywhere { format!(", or {fix}") } else { " in these rows".to_owned() };
         let flipped: Vec<usize> = (0..AXES).filter(|&axis| sign[axis] < 0).collect();
         let own: Vec<usize> = (0..AXES).filter(|&axis| order[axis] == axis).collect();
         // Determinant of the signed order: 1 for a turned IMU.

@@ -21,10 +21,10 @@ const END: f64 = 0.5;
 const LARGEST_ROW: f64 = 30.0 * 3600.0;
 /// The intervals of a turn add up to its time within this \[s\]. At 10 deg/s it is 3 ppm of 360 deg.
 const LOST_TIME: f64 = 1e-4;
-/// Telemetry of a run that changes by more than this part of the step between set points is a fault.
+/// Temperature of a run that changes by more than this part of the step between set points is a fault.
 const DRIFT: f64 = 0.5;
 
-/// Lowest and highest telemetry of a gyroscope in a run.
+/// Lowest and highest temperature of a gyroscope in a run.
 type RangeOf = fn(&Dwell, usize) -> [f64; 2];
 
 /// K+ and K- of each gyroscope from the turns alone \[pulse/arcsec\]: pulses by angle.
@@ -70,7 +70,7 @@ pub(super) fn check(data: &Data<'_>, excluded: &[(f64, u32)], present: bool) -> 
     checker.rest(usual);
     checker.rows(usual);
     checker.still(usual);
-    checker.telemetry();
+    checker.temperature();
     checker.gathered()
 }
 
@@ -359,8 +359,8 @@ impl Checker<'_> {
         }
     }
 
-    /// Telemetry that does not react, and runs that were not settled.
-    fn telemetry(&mut self) {
+    /// Temperature that does not react, and runs that were not settled.
+    fn temperature(&mut self) {
         let sensors: [(&str, RangeOf); 2] = [("head", Dwell::head_range), ("board", Dwell::board_range)];
         for axis in 0..AXES {
             for (sensor, of) in sensors {
@@ -374,7 +374,7 @@ impl Checker<'_> {
                 let step = median(steps.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
                 if step.is_nan() {
                     let message = format!("{column} is the same at every set point; is the sensor connected?");
-                    self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
+                    self.findings.push(Finding::whole(Severity::Fault, name::TEMPERATURE_CONSTANT, message));
                     continue;
                 }
                 self.drift(&column, |run| of(run, axis), step);
@@ -382,7 +382,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Runs whose telemetry `column` covers more than a part of the `step` between set points.
+    /// Runs whose temperature `column` covers more than a part of the `step` between set points.
     fn drift(&mut self, column: &str, range: impl Fn(&Dwell) -> [f64; 2], step: f64) {
         let campaign = self.data.campaign;
         let position = |run: &Dwell| RunNumber::Position(campaign.positions[run.position].number);
@@ -394,11 +394,11 @@ impl Checker<'_> {
             if high - low > DRIFT * step {
                 let message = format!(
                     "{column} runs from {low} to {high}, while set points are {step:.3} apart: a broken reading, or a temperature that was not \
-                     settled; mend the rows or leave them out with --exclude"
+                     settled; fix the rows or leave them out with --exclude"
                 );
                 self.findings.push(Finding {
                     severity: Severity::Fault,
-                    name: name::TELEMETRY_DRIFT,
+                    name: name::TEMPERATURE_DRIFT,
                     line: Some(run.lines[0]),
                     place: Some(Location::SetPoint(run.set_point_c, Some(number))),
                     message,

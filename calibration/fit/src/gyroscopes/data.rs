@@ -101,7 +101,7 @@ impl<'a> Data<'a> {
         }
     }
 
-    /// Lowest and highest telemetry of all runs: head and board, by gyroscope.
+    /// Lowest and highest temperature of all runs: head and board, by gyroscope.
     pub(super) fn ranges(&self) -> [[[f64; 2]; 2]; AXES] {
         let runs = || self.dwells.iter().map(|(_, dwell)| *dwell).chain(self.turns.iter().map(|(_, turn)| &turn.run));
         [0, 1, 2].map(|axis| {

@@ -1,4 +1,4 @@
-//! The joint fit of the gyroscopes: all dwells and turns of a campaign at once, each with its own telemetry.
+//! The joint fit of the gyroscopes: all dwells and turns of a campaign at once, each with its own temperature.
 //!
 //! Every run r (a dwell or a turn of length T) gives one equation for each gyroscope i:
 //!

@@ -75,8 +75,8 @@ impl<'a> GyroscopeModel<'a> {
 
     /// D, K+ and K- of gyroscope `axis` in a run, and the powers that they are made of.
     fn parameters(&self, run: &GyroscopeRun<'_>, axis: usize) -> ([f64; QUANTITIES], [DVector<f64>; QUANTITIES]) {
-        let telemetry = [run.head[axis], run.board[axis], run.board[axis]];
-        let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(telemetry[quantity]));
+        let temperature = [run.head[axis], run.board[axis], run.board[axis]];
+        let powers = [0, 1, 2].map(|quantity| self.curves[axis][quantity].powers(temperature[quantity]));
         ([0, 1, 2].map(|quantity| self.value(axis, quantity, &powers[quantity])), powers)
     }
 

@@ -48,7 +48,7 @@ impl TriadObservability {
         let mut deficiencies = scale_factors(&campaign.turns);
         let matrix = matrix(campaign);
         let Judgement { rank, unknowns, condition, open } = judge(&matrix);
-        // Where a scale factor is missing, its turn may well mend the rest.
+        // Where a scale factor is missing, its turn may well fix the rest.
         if !open.is_empty() && deficiencies.is_empty() {
             let names: Vec<_> = open.iter().map(|column| parameter(*column)).collect();
             let missing = additions(campaign);

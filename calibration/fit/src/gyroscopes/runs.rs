@@ -30,7 +30,7 @@ pub struct Measurements {
     pub findings: Vec<Finding>,
 }
 
-/// A row of another unit than that of the campaign file's serial number or, without one, than that of the rows before.
+/// A row of another device than that of the campaign file's serial number or, without one, than that of the rows before.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct OtherDevice {
     /// The line of the row.
@@ -44,7 +44,7 @@ pub struct OtherDevice {
 /// The runs of the gyroscopes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GyroscopeRuns {
-    /// Whether any row has pulses or telemetry of a gyroscope.
+    /// Whether any row has pulses or temperature of a gyroscope.
     pub present: bool,
     /// The dwells; empty if the campaign file has no turns.
     pub dwells: Vec<Dwell>,
@@ -55,9 +55,9 @@ pub struct GyroscopeRuns {
 /// The rows of one turn: an unbroken run with one set point and the turn's number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TurnRun {
-    /// Its sums, with the gyroscopes' pulses and telemetry; `position` is the index into the campaign's turns.
+    /// Its sums, with the gyroscopes' pulses and temperature; `position` is the index into the campaign's turns.
     pub run: Dwell,
-    /// The same with the accelerometers' pulses and telemetry.
+    /// The same with the accelerometers' pulses and temperature.
     pub accelerometers: Dwell,
     /// Its rows in order.
     pub blocks: Vec<TurnBlock>,
@@ -182,7 +182,7 @@ pub struct FittedRun {
 /// gyroscopes.
 ///
 /// # Errors
-/// As [`read_dwells`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope telemetry that is not
+/// As [`read_dwells`](isotherm_campaign::read_dwells). In a campaign with turns, also gyroscope temperature that is not
 /// finite, and a full counter.
 pub fn read_measurements(
     campaign: &Campaign,
@@ -242,9 +242,9 @@ fn collect(
 #[must_use]
 pub fn implausible(triad: &Triad) -> Option<String> {
     for (axis, gyroscope) in GYROSCOPE_NAMES.iter().enumerate() {
-        for (telemetry, name) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
-            if !telemetry.is_finite() {
-                return Some(format!("g{}_{name} is {telemetry}, which is no temperature", axis + 1));
+        for (temperature, name) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
+            if !temperature.is_finite() {
+                return Some(format!("g{}_{name} is {temperature}, which is no temperature", axis + 1));
             }
         }
         if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {

@@ -15,8 +15,8 @@ pub struct SetPointReduction {
     pub values: [[f64; PARAMETERS]; AXES],
     /// Their standard errors, from the scatter within the set point.
     pub standard_errors: [[f64; PARAMETERS]; AXES],
-    /// Effective telemetry of D, K+ and K-: the mean over the runs with the weights that they have in the value.
-    pub telemetry: [[f64; QUANTITIES]; AXES],
+    /// Effective temperature of D, K+ and K-: the mean over the runs with the weights that they have in the value.
+    pub temperature: [[f64; QUANTITIES]; AXES],
     /// Earth's rate along the base's X and Y \[deg/h\], if there are angles.
     pub earth: Option<[f64; 2]>,
     /// Residual standard deviation \[arcsec/sqrt(s)\].
@@ -31,7 +31,7 @@ impl SetPointReduction {
     /// What both triads have.
     pub(crate) fn sensors(&self) -> [ReducedSensor<'_>; AXES] {
         [0, 1, 2].map(|axis| ReducedSensor {
-            telemetry: self.telemetry[axis],
+            temperature: self.temperature[axis],
             values: &self.values[axis],
             standard_errors: &self.standard_errors[axis],
             freedom: self.freedom,
@@ -53,17 +53,17 @@ pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Resu
     let weights = &step.inverse * step.jacobian.transpose();
     let effective = |axis: usize, quantity: usize| -> f64 {
         let j = unknown(axis)[quantity];
-        let telemetry = |run: &GyroscopeRun<'_>| if quantity == 0 { run.head[axis] } else { run.board[axis] };
+        let temperature = |run: &GyroscopeRun<'_>| if quantity == 0 { run.head[axis] } else { run.board[axis] };
         let terms = runs.iter().enumerate().map(|(r, run)| {
             let weight: f64 = (0..AXES).map(|i| weights[(j, AXES * r + i)] * step.jacobian[(AXES * r + i, j)]).sum();
-            weight * telemetry(run)
+            weight * temperature(run)
         });
         terms.sum()
     };
     Ok(SetPointReduction {
         values: [0, 1, 2].map(|axis| unknown(axis).map(|j| model.unknown[j])),
         standard_errors: [0, 1, 2].map(|axis| unknown(axis).map(|j| residual_sd * step.inverse[(j, j)].sqrt())),
-        telemetry: [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| effective(axis, quantity))),
+        temperature: [0, 1, 2].map(|axis| [0, 1, 2].map(|quantity| effective(axis, quantity))),
         earth: model.with_earth.then(|| [model.unknown[model.earth], model.unknown[model.earth + 1]]),
         residual_sd,
         freedom,
@@ -72,7 +72,7 @@ pub(super) fn reduce(runs: &[GyroscopeRun<'_>], start: &GyroscopeCurves) -> Resu
 }
 
 /// Fits all unknowns, and gives D, K+ and K- of each set point without the drift within it: the curve at the effective
-/// telemetry plus the correction from the set point's residuals. A set point that does not determine its parameters
+/// temperature plus the correction from the set point's residuals. A set point that does not determine its parameters
 /// keeps its reduced values.
 pub(super) fn corrected_values(
     runs: &[GyroscopeRun<'_>],
@@ -87,14 +87,14 @@ pub(super) fn corrected_values(
         let deviations = model.deviations(set_point, &step, &counted);
         [0, 1, 2].map(|axis| {
             [0, 1, 2].map(|quantity| {
-                let telemetry = reduced.telemetry[axis][quantity];
+                let temperature = reduced.temperature[axis][quantity];
                 let curve = &solution.gyroscopes[axis].curves[quantity];
                 // A residual falls where its parameter rises by the deviation.
                 let value = match &deviations {
-                    Some((deviation, _)) => curve.at(telemetry) - deviation[axis * PARAMETERS + quantity],
+                    Some((deviation, _)) => curve.at(temperature) - deviation[axis * PARAMETERS + quantity],
                     None => reduced.values[axis][quantity],
                 };
-                (telemetry, value)
+                (temperature, value)
             })
         })
     };

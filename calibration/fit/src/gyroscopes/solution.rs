@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 /// The estimate for one gyroscope.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GyroscopeSolution {
-    /// D \[deg/h\] against head telemetry, K+ and K- \[pulse/arcsec\] against board telemetry.
+    /// D \[deg/h\] against head temperature, K+ and K- \[pulse/arcsec\] against board temperature.
     pub curves: [Curve; QUANTITIES],
     /// Misalignment onto the next axis and onto the one after it \[rad\].
     pub misalignment: [f64; 2],

@@ -11,7 +11,7 @@ impl Origin {
     ///
     /// Logs have no serial number: two boards of a model are not told apart.
     #[must_use]
-    pub fn other_unit(&self, log_imu: Option<LogImu>, device: Option<u64>) -> Option<Finding> {
+    pub fn other_device(&self, log_imu: Option<LogImu>, device: Option<u64>) -> Option<Finding> {
         let of_table = self.log_imu?;
         match log_imu {
             Some(of_log) => other_imu(&of_table, &of_log),
@@ -47,15 +47,15 @@ mod tests {
         let origin = |imu| Origin { log_imu: Some(imu), ..Origin::default() };
         let first = origin(imu(0, Some(7)));
         let severity = |found: Option<Finding>| found.map(|found| found.severity);
-        assert_eq!(severity(first.other_unit(Some(imu(0, Some(7))), None)), None);
+        assert_eq!(severity(first.other_device(Some(imu(0, Some(7))), None)), None);
         // The same device at another place.
-        assert_eq!(severity(first.other_unit(Some(imu(1, Some(7))), None)), None);
-        assert_eq!(severity(first.other_unit(Some(imu(0, Some(8))), None)), Some(Severity::Fault));
-        assert_eq!(severity(origin(imu(0, None)).other_unit(Some(imu(1, Some(7))), None)), Some(Severity::Fault));
+        assert_eq!(severity(first.other_device(Some(imu(1, Some(7))), None)), None);
+        assert_eq!(severity(first.other_device(Some(imu(0, Some(8))), None)), Some(Severity::Fault));
+        assert_eq!(severity(origin(imu(0, None)).other_device(Some(imu(1, Some(7))), None)), Some(Severity::Fault));
         let of_rows = |id| imu(0, Some(id)).device();
-        assert_eq!(severity(first.other_unit(None, Some(of_rows(7)))), None);
-        assert_eq!(severity(first.other_unit(None, Some(of_rows(8)))), Some(Severity::Warning));
-        assert_eq!(severity(first.other_unit(None, None)), None);
-        assert_eq!(severity(Origin::default().other_unit(Some(imu(3, None)), Some(5))), None);
+        assert_eq!(severity(first.other_device(None, Some(of_rows(7)))), None);
+        assert_eq!(severity(first.other_device(None, Some(of_rows(8)))), Some(Severity::Warning));
+        assert_eq!(severity(first.other_device(None, None)), None);
+        assert_eq!(severity(Origin::default().other_device(Some(imu(3, None)), Some(5))), None);
     }
 }

@@ -76,11 +76,11 @@ LeftOverRecord(left: &LeftOver) {
 
 view! {
 /// A set point of a gyroscope, reduced by itself. The values are D, K+, K-, two misalignments, three g-sensitivities.
-pub(super) GyroscopeSetPointRecord(set_point_c: f64, axis: usize, telemetry: [f64; 3], values: [f64; 8]) {
+pub(super) GyroscopeSetPointRecord(set_point_c: f64, axis: usize, temperature: [f64; 3], values: [f64; 8]) {
     set_point_c: f64 = set_point_c,
     axis: &'static str = GYROSCOPE_NAMES[axis],
-    head: f64 = telemetry[0],
-    board: f64 = telemetry[1],
+    head: f64 = temperature[0],
+    board: f64 = temperature[1],
     bias_deg_h: f64 = values[0],
     positive_scale_factor: f64 = values[1],
     negative_scale_factor: f64 = values[2],
@@ -92,7 +92,7 @@ impl GyroscopeSetPointRecord {
     pub(super) fn all(calibration: &Calibration, found: &GyroscopeCalibration) -> impl Iterator<Item = Self> {
         let set_points = calibration.set_points.iter().zip(&found.reduced);
         set_points.flat_map(|(set_point, reduced)| {
-            (0..AXES).map(|axis| Self::of(set_point.set_point_c, axis, reduced.telemetry[axis], reduced.values[axis]))
+            (0..AXES).map(|axis| Self::of(set_point.set_point_c, axis, reduced.temperature[axis], reduced.values[axis]))
         })
     }
 }

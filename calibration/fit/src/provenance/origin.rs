@@ -21,7 +21,7 @@ pub struct CurveErrors {
     pub covariance: DMatrix<f64>,
     /// Degrees of freedom, 1 to 1e6.
     pub freedom: f64,
-    /// Telemetry that was measured, out of which the errors are not known; `None` if they are known everywhere.
+    /// Temperature that was measured, out of which the errors are not known; `None` if they are known everywhere.
     pub measured: Option<[f64; 2]>,
     /// What a slope that the curve lacks adds, in the unit of the covariance.
     pub slope: Option<SlopeError>,

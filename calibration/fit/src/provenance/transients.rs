@@ -57,7 +57,7 @@ view! { RampRecord<'a>(ramp: &'a Ramp, sha256: &'a str) {
 view! { BiasRecord(bias: &BiasTransient, units: &TriadUnits, prediction: Option<Prediction>) {
     axis: &'static str = bias.name(),
     unit: &'static str = units.bias,
-    /// What is written, then the estimate with its error, per unit of telemetry.
+    /// What is written, then the estimate with its error, per unit of temperature.
     transient: f64 = bias.transient * units.bias_factor,
     estimate: f64 = bias.estimate * units.bias_factor,
     standard_error: Option<f64> = in_unit(units, Some(bias.standard_error)),
@@ -68,7 +68,7 @@ view! { BiasRecord(bias: &BiasTransient, units: &TriadUnits, prediction: Option<
     left_out_written: Option<f64> = in_unit(units, prediction.map(|it| it.written)),
     band_without: Option<f64> = in_unit(units, band(&bias.before)),
     band_with: Option<f64> = in_unit(units, band(&bias.after)),
-    /// Error of the curve: half of the largest difference of two sweeps, and the telemetry there.
+    /// Error of the curve: half of the largest difference of two sweeps, and the temperature there.
     curve_error: Option<f64> = in_unit(units, bias.curve_error.as_ref().map(|band| band.half_width)),
     curve_error_at: Option<f64> = bias.curve_error.as_ref().map(|band| band.at),
     carried_g0: f64 = bias.carried_g0,

@@ -28,7 +28,7 @@ view! { pub(super) TumbleProvenance<'a>(
         Some(campaign.gravity_source.half_width() * campaign.gravity_local).filter(|half| *half > 0.0),
     latitude_deg: Option<f64> = campaign.latitude_deg,
     height_m: Option<f64> = campaign.height_m,
-    standstills: usize = calibration.readings.len(),
+    static_poses: usize = calibration.readings.len(),
     /// Numbers of the static poses that were left out.
     excluded: &'a [usize] = &calibration.options.exclude,
     temperatures: usize = calibration.groups.levels,
@@ -61,13 +61,13 @@ view! { CurveRecord(curve: &Curve, names: [&'static str; 2], unit: (f64, &'stati
     quantity: &'static str = names[1],
     unit: &'static str = unit.1,
     order: usize = curve.order(),
-    /// The least over the measured telemetry.
+    /// The least over the measured temperature.
     degrees_of_freedom: Option<f64> = curve.table_covariance().map(|_| (curve.freedom() * 100.0).round() / 100.0),
-    /// Telemetry that was measured: the errors are known in it.
+    /// Temperature that was measured: the errors are known in it.
     measured: Option<[f64; 2]> = curve.table_covariance().map(|_| curve.measured()),
     #[serde(flatten)]
     errors: CurveErrorsRecord = CurveErrorsRecord::in_table(curve, unit.0),
-    /// What the slope that a constant lacks adds to its 95 % interval, per unit of telemetry off `slope_about`.
+    /// What the slope that a constant lacks adds to its 95 % interval, per unit of temperature off `slope_about`.
     slope_error: Option<f64> = curve.slope_error().map(|slope| slope.per_unit * unit.0),
     slope_about: Option<f64> = curve.slope_error().map(|slope| slope.about),
 }}

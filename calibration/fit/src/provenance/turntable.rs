@@ -92,8 +92,8 @@ view! {
 SetPointRecord(set_point_c: f64, axis: &'static str, reduced: &SensorReduction) {
     set_point_c: f64 = set_point_c,
     axis: &'static str = axis,
-    head: f64 = reduced.telemetry[0],
-    board: f64 = reduced.telemetry[1],
+    head: f64 = reduced.temperature[0],
+    board: f64 = reduced.temperature[1],
     bias_ug0: f64 = reduced.values[0] * 1e6,
     positive_scale_factor: f64 = reduced.values[1],
     negative_scale_factor: f64 = reduced.values[2],

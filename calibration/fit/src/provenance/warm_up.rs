@@ -86,9 +86,9 @@ view! { CurveRecord(bias: &BiasCurve, unit: &'static str, si: &dyn Fn(f64) -> f6
     after_largest: f64 = si(bias.after.largest),
     /// Largest half width of the 95 % interval that the noise gives.
     interval_95: f64 = si(bias.interval),
-    /// How far the curve is off at most if the element is 60 s behind its telemetry.
+    /// How far the curve is off at most if the element is 60 s behind its temperature.
     behind_60_s: f64 = si(bias.behind),
-    /// Half of the largest difference of two sweeps, and the telemetry there.
+    /// Half of the largest difference of two sweeps, and the temperature there.
     band: Option<f64> = bias.band.as_ref().map(|band| si(band.half_width)),
     band_at: Option<f64> = bias.band.as_ref().map(|band| band.at),
 }}

@@ -11,8 +11,8 @@ const ENDS: f64 = 0.02;
 pub(super) struct Bins {
     /// Middle of each bin since the recording began \[s\].
     pub ages: Vec<f64>,
-    /// Head telemetry of A1.
-    pub telemetry: Vec<f64>,
+    /// Head temperature of A1.
+    pub temperature: Vec<f64>,
     /// Net rates of A1, A2, A3 and, where there are gyroscopes, G1, G2, G3 \[pulse/s\].
     pub rates: Vec<Vec<f64>>,
     /// Variance of a row within each bin \[pulse2/s2\], of the same; `None` of few rows.
@@ -28,7 +28,7 @@ impl Bins {
         let net = |sensor: usize| bins.iter().map(|bin| bin.net_rate(sensor)).collect();
         Self {
             ages: bins.iter().map(|bin| (bin.middle_ns() - begin_ns) as f64 / 1e9).collect(),
-            telemetry: recording.telemetry_of_bins(),
+            temperature: recording.temperature_of_bins(),
             rates: (0..sensors).map(net).collect(),
             variances: (0..sensors).map(|sensor| bins.iter().map(|bin| bin.variance(sensor)).collect()).collect(),
             steps: (0..sensors).map(|sensor| recording.step(sensor)).collect(),
@@ -51,7 +51,7 @@ pub(super) struct Stretch {
 impl Stretch {
     /// The span of temperature that it covers, without the outermost readings.
     pub(super) fn span(&self, bins: &Bins) -> f64 {
-        let mut all: Vec<f64> = self.bins.iter().map(|bin| bins.telemetry[*bin]).collect();
+        let mut all: Vec<f64> = self.bins.iter().map(|bin| bins.temperature[*bin]).collect();
         all.sort_by(f64::total_cmp);
         let cut = (all.len() as f64 * ENDS / 2.0) as usize;
         let [low, high] = [all.get(cut), all.len().checked_sub(cut + 1).and_then(|last| all.get(last))];

@@ -1,4 +1,4 @@
-//! Bumps: where the level of a sensor steps, and stays. Time and a parabola of the telemetry go through the bins on
+//! Bumps: where the level of a sensor steps, and stays. Time and a parabola of the temperature go through the bins on
 //! both sides; the step beside it is compared with its error, and with the steps that the recording has everywhere.
 
 use super::bins::Bins;
@@ -142,12 +142,12 @@ impl Weights {
         let of = |all: &[f64]| rest[rows.clone()].iter().map(|bin| all[*bin]).collect::<Vec<f64>>();
         let mut left: Vec<f64> = rows.clone().map(|row| if row < place { -0.5 } else { 0.5 }).collect();
         let whole: f64 = left.iter().map(|step| step * step).sum();
-        // What a constant, time, telemetry and its square do not explain of the step's column.
+        // What a constant, time, temperature and its square do not explain of the step's column.
         let mut known: Vec<Vec<f64>> = Vec::new();
-        let telemetry = of(&bins.telemetry);
-        let middle = telemetry.iter().sum::<f64>() / telemetry.len() as f64;
-        let squares = telemetry.iter().map(|value| (value - middle).powi(2)).collect();
-        for column in [vec![1.0; left.len()], of(&bins.ages), telemetry, squares] {
+        let temperature = of(&bins.temperature);
+        let middle = temperature.iter().sum::<f64>() / temperature.len() as f64;
+        let squares = temperature.iter().map(|value| (value - middle).powi(2)).collect();
+        for column in [vec![1.0; left.len()], of(&bins.ages), temperature, squares] {
             let size: f64 = column.iter().map(|value| value * value).sum();
             let column = without(column, &known);
             let rest: f64 = column.iter().map(|value| value * value).sum();
@@ -157,7 +157,7 @@ impl Weights {
         }
         left = without(left, &known);
         let squares: f64 = left.iter().map(|value| value * value).sum();
-        // Telemetry that steps there explains it as well.
+        // Temperature that steps there explains it as well.
         if squares < 0.02 * whole {
             return None;
         }

@@ -1,8 +1,8 @@
 //! A thermometer that stands still while the biases go on.
 //!
 //! It stands legally at the end of a warm-up, where the biases stand too, and as long as the temperature is within a
-//! step of coarse telemetry. It is stuck if it catches up with a jump afterwards, or if a bias changes by more, while
-//! it stands, than some steps of the telemetry explain.
+//! step of coarse temperature. It is stuck if it catches up with a jump afterwards, or if a bias changes by more, while
+//! it stands, than some steps of the temperature explain.
 
 use super::account::LeftOutCause;
 use super::bins::Bins;
@@ -24,15 +24,15 @@ const STEPS: f64 = 2.5;
 const COVERED: f64 = 0.8;
 /// Parts of this time that show the change of a bias.
 const PARTS: usize = 8;
-/// A bias changes by over what so many changes of the telemetry give ..
+/// A bias changes by over what so many changes of the temperature give ..
 const CHANGES: f64 = 3.0;
 /// .. and over so many of its errors ..
 const ERRORS: f64 = 8.0;
 /// .. and over this part of what it usually does.
 const PART: f64 = 0.1;
 
-/// A time in which the telemetry has one value.
-struct ConstantTelemetry {
+/// A time in which the temperature has one value.
+struct ConstantTemperature {
     bins: Range<usize>,
     /// Change to the value after it; `None` at the end.
     jump: Option<f64>,
@@ -44,11 +44,11 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
     if all.len() < 2 {
         return Vec::new();
     }
-    let seconds = |standing: &ConstantTelemetry| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
-    let step = recording.step_of_telemetry();
+    let seconds = |standing: &ConstantTemperature| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
+    let step = recording.step_of_temperature();
     let usual_change = median(all.iter().filter_map(|standing| standing.jump));
     let least_jump = (JUMP * usual_change).max(STEPS * step);
-    let is_stuck = |(number, standing): (usize, &ConstantTelemetry)| {
+    let is_stuck = |(number, standing): (usize, &ConstantTemperature)| {
         let near = number.saturating_sub(10)..(number + 11).min(all.len());
         let others = all[near.clone()].iter().enumerate().filter(|(other, _)| near.start + other != number);
         let usual_s = median(others.map(|(_, other)| seconds(other)));
@@ -65,25 +65,25 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
     found.map(|(_, standing)| standing.bins.start + 1..standing.bins.end).collect()
 }
 
-/// The times in which the telemetry has one value.
-fn standings(recording: &RampRecording, bins: &Bins) -> Vec<ConstantTelemetry> {
+/// The times in which the temperature has one value.
+fn standings(recording: &RampRecording, bins: &Bins) -> Vec<ConstantTemperature> {
     let times: Vec<u64> = recording.bins().iter().map(crate::transients::Bin::middle_ns).collect();
     let mut changes: Vec<(usize, f64)> = Vec::new();
     for reading in recording.heads(0) {
-        if changes.last().is_none_or(|(_, value)| *value != reading.telemetry) {
+        if changes.last().is_none_or(|(_, value)| *value != reading.temperature) {
             let bin = times.partition_point(|time| *time < reading.time_ns).min(bins.len() - 1);
-            changes.push((bin, reading.telemetry));
+            changes.push((bin, reading.temperature));
         }
     }
     let ends = changes.iter().skip(1).map(|(bin, value)| (*bin, Some(*value))).chain([(bins.len(), None)]);
-    let standing = |((start, value), (end, next)): (&(usize, f64), (usize, Option<f64>))| ConstantTelemetry {
+    let standing = |((start, value), (end, next)): (&(usize, f64), (usize, Option<f64>))| ConstantTemperature {
         bins: *start..end.max(start + 1),
         jump: next.map(|next| (next - value).abs()),
     };
     changes.iter().zip(ends).map(standing).collect()
 }
 
-/// Whether a bias changes within these bins by more than some changes of the telemetry explain.
+/// Whether a bias changes within these bins by more than some changes of the temperature explain.
 fn biases_go_on(bins: &Bins, within: &Range<usize>, causes: &[Option<LeftOutCause>], change: f64) -> bool {
     let rest: Vec<usize> = within.clone().filter(|bin| causes[*bin].is_none()).collect();
     let others: Vec<usize> = (0..bins.len()).filter(|bin| !within.contains(bin) && causes[*bin].is_none()).collect();
@@ -92,12 +92,12 @@ fn biases_go_on(bins: &Bins, within: &Range<usize>, causes: &[Option<LeftOutCaus
     }
     bins.rates.iter().any(|rates| {
         let (moved, error) = change_of(rates, &rest);
-        let spans = |some: &[usize]| [rates, &bins.telemetry].map(|all| spread(some.iter().map(|bin| all[*bin])));
-        let slope = |[value, telemetry]: [f64; 2]| value / telemetry.max(change);
+        let spans = |some: &[usize]| [rates, &bins.temperature].map(|all| spread(some.iter().map(|bin| all[*bin])));
+        let slope = |[value, temperature]: [f64; 2]| value / temperature.max(change);
         let before = others.partition_point(|bin| *bin < within.start);
         let near = spans(&others[before.saturating_sub(rest.len())..before]);
-        let [value, telemetry] = spans(&others);
-        let slope = slope([value, telemetry]).max(slope(near));
+        let [value, temperature] = spans(&others);
+        let slope = slope([value, temperature]).max(slope(near));
         moved.abs() > CHANGES * change * slope + ERRORS * error && moved.abs() > PART * value
     })
 }

@@ -13,16 +13,16 @@ use isotherm_shared::wire::AXES;
 pub(crate) struct BinValue {
     /// Middle of the bin, since the recording began \[s\].
     pub age_s: f64,
-    /// Head telemetry there.
-    pub telemetry: f64,
-    /// Lagged telemetry less telemetry; 0 without a lag.
+    /// Head temperature there.
+    pub temperature: f64,
+    /// Lagged temperature less temperature; 0 without a lag.
     pub difference: f64,
     /// What the sensor indicates with the scale factors of the table, its bias included \[g0 or deg/h\].
     pub value: f64,
 }
 
-/// The bins of a sensor whose scale factors are those of `axis`. The lagged telemetry has the time constant `lag_s`,
-/// and begins soaked. Empty without telemetry.
+/// The bins of a sensor whose scale factors are those of `axis`. The lagged temperature has the time constant `lag_s`,
+/// and begins soaked. Empty without temperature.
 pub(crate) fn bin_values(
     recording: &RampRecording,
     kind: SensorKind,
@@ -39,9 +39,9 @@ pub(crate) fn bin_values(
     let (head, board) = (interpolated(&heads, &times_ns), interpolated(&boards, &times_ns));
     let values = indicated(recording, sensor, axis, CurveSource::Ramps, &head, &board);
     let differences = lag_s.map(|lag_s| behind(&heads, &times_ns, &head, (lag_s * 1e9).round() as u64));
-    let of_bin = |(i, (&telemetry, value)): (usize, (&f64, f64))| BinValue {
+    let of_bin = |(i, (&temperature, value)): (usize, (&f64, f64))| BinValue {
         age_s: (times_ns[i] - first.begin_ns) as f64 / 1e9,
-        telemetry,
+        temperature,
         difference: differences.as_ref().map_or(0.0, |all| all[i]),
         value,
     };

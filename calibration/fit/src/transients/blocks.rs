@@ -24,13 +24,13 @@ const SHORT_BLOCKS: f64 = 48.0;
 const BEYOND: f64 = 0.02;
 /// A reading that goes away from both neighbours by more than this part of the range is broken.
 const SPIKE: f64 = 0.1;
-/// .. and by more than so many steps of the telemetry, by which a coarse one goes there and back.
+/// .. and by more than so many steps of the temperature, by which a coarse one goes there and back.
 const STEPS: f64 = 2.5;
 /// Fewest blocks of a recording.
 pub(super) const FEWEST_BLOCKS: usize = 24;
 /// Pieces of a sweep.
 const PIECES: usize = 4;
-/// Half widths of the plays, as parts of the range of the telemetry.
+/// Half widths of the plays, as parts of the range of the temperature.
 const PLAYS: [f64; 3] = [0.02, 0.07, 0.22];
 /// The start that was not soaked is a column for this many time constants.
 const START: f64 = 5.0;
@@ -49,7 +49,7 @@ pub(super) struct Ramps {
     pub least_tau_s: f64,
     /// Duration of the longest sweep \[s\].
     pub longest_sweep_s: f64,
-    /// Part of the range of the telemetry that heating and cooling of one recording share, of the recording with the
+    /// Part of the range of the temperature that heating and cooling of one recording share, of the recording with the
     /// largest one.
     pub shared: f64,
     pub biases: Vec<Bias>,
@@ -64,7 +64,7 @@ pub(super) struct Block {
     time: f64,
     /// Bins of the recording.
     pub bins: Range<usize>,
-    /// Whether it is in no fit: the telemetry of a sensor is beyond the range of a polynomial of the table.
+    /// Whether it is in no fit: the temperature of a sensor is beyond the range of a polynomial of the table.
     pub left_out: bool,
     /// Whether the fit with a time constant that is given does without it: the start may not have been soaked.
     pub unsoaked: bool,
@@ -88,27 +88,27 @@ pub(super) struct RampSweep {
 pub(super) struct Bias {
     pub kind: SensorKind,
     pub axis: usize,
-    /// Lowest and highest head telemetry of all recordings.
+    /// Lowest and highest head temperature of all recordings.
     pub range: [f64; 2],
     /// Largest specific force that it carries in a recording \[g0\]; 0 for gyroscopes.
     pub carried_g0: f64,
     /// Mean specific force that it carries, by recording \[g0\]; 0 for gyroscopes.
     pub carried: Vec<f64>,
-    /// Mean head telemetry, by block.
-    pub telemetry: Vec<f64>,
+    /// Mean head temperature, by block.
+    pub temperature: Vec<f64>,
     /// Mean of what the sensor indicates, less the campaign's curve and the mean of the recording, by block \[g0 or
     /// deg/h\].
     pub values: Vec<f64>,
-    /// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it, by block.
+    /// Whether the temperature is beyond the range of a polynomial by more than 2 % of it, by block.
     outside: Vec<bool>,
     plays: Vec<[f64; PLAYS.len()]>,
-    recordings: Vec<Telemetry>,
+    recordings: Vec<Temperature>,
 }
 
-/// Head telemetry of one recording.
-struct Telemetry {
+/// Head temperature of one recording.
+struct Temperature {
     readings: Vec<Reading>,
-    /// Middles of its bins \[ns\], and the telemetry there.
+    /// Middles of its bins \[ns\], and the temperature there.
     times_ns: Vec<u64>,
     values: Vec<f64>,
 }
@@ -136,7 +136,7 @@ impl Ramps {
         let mut least_tau_s = f64::INFINITY;
         for (number, recording) in recordings.iter().enumerate() {
             let found = blocks_of(number, recording)?;
-            let interval_s = 2.0 * telemetry_interval_s(&recording.heads(0));
+            let interval_s = 2.0 * temperature_interval_s(&recording.heads(0));
             least_tau_s = least_tau_s.min(interval_s.max(block_s(recording) / 3.0));
             blocks.extend(found);
         }
@@ -165,19 +165,19 @@ impl Ramps {
         Ok(ramps)
     }
 
-    /// Finds sweeps in the mean head telemetry of the accelerometers.
+    /// Finds sweeps in the mean head temperature of the accelerometers.
     fn find_sweeps(&mut self) {
-        let telemetry: Vec<f64> = (0..self.blocks.len())
-            .map(|i| self.biases[..AXES].iter().map(|bias| bias.telemetry[i]).sum::<f64>() / AXES as f64)
+        let temperature: Vec<f64> = (0..self.blocks.len())
+            .map(|i| self.biases[..AXES].iter().map(|bias| bias.temperature[i]).sum::<f64>() / AXES as f64)
             .collect();
-        let [low, high] = range_of(&telemetry);
+        let [low, high] = range_of(&temperature);
         for recording in 0..self.recordings {
             let Range { start: begin, end } = self.blocks_of(recording);
-            let found = sweeps(&telemetry[begin..end]);
+            let found = sweeps(&temperature[begin..end]);
             let extent = |heating: bool| {
                 let of = found.iter().filter(|sweep| sweep.heating == heating);
                 range_of(
-                    &of.flat_map(|sweep| telemetry[begin..end][sweep.values.clone()].iter().copied())
+                    &of.flat_map(|sweep| temperature[begin..end][sweep.values.clone()].iter().copied())
                         .collect::<Vec<_>>(),
                 )
             };
@@ -236,7 +236,7 @@ impl Ramps {
         let row = |(i, block): (usize, &Block)| {
             let mut row = vec![0.0; count + 1];
             let [low, high] = bias.range;
-            let x = (2.0 * bias.telemetry[i] - low - high) / (high - low);
+            let x = (2.0 * bias.temperature[i] - low - high) / (high - low);
             let own = |column: Column| self.columns(column).start + block.recording;
             row[own(Column::Constant)] = 1.0;
             let curve = self.columns(Column::Curve).start;
@@ -266,7 +266,9 @@ impl Ramps {
     /// Mean of d = L - U, by block.
     pub(super) fn differences(&self, bias: &Bias, tau_s: f64) -> Vec<f64> {
         let lag_ns = (tau_s * 1e9).round() as u64;
-        let of = |telemetry: &Telemetry| behind(&telemetry.readings, &telemetry.times_ns, &telemetry.values, lag_ns);
+        let of = |temperature: &Temperature| {
+            behind(&temperature.readings, &temperature.times_ns, &temperature.values, lag_ns)
+        };
         let differences: Vec<Vec<f64>> = bias.recordings.iter().map(of).collect();
         self.blocks.iter().map(|block| mean(&differences[block.recording][block.bins.clone()])).collect()
     }
@@ -287,7 +289,7 @@ impl Bias {
             range: [f64::INFINITY, f64::NEG_INFINITY],
             carried_g0: 0.0,
             carried: Vec::new(),
-            telemetry: Vec::new(),
+            temperature: Vec::new(),
             values: Vec::new(),
             outside: Vec::new(),
             plays: Vec::new(),
@@ -302,7 +304,7 @@ impl Bias {
         if !changes {
             let name = kind.names()[axis];
             return Err(TransientsError::Recording(format!(
-                "the head telemetry of {name} does not change; a ramp needs a change of temperature"
+                "the head temperature of {name} does not change; a ramp needs a change of temperature"
             )));
         }
         bias.add_plays(blocks);
@@ -333,10 +335,10 @@ impl Bias {
         self.values.extend(means.iter().map(|value| value - centre));
         let places = heads_of_blocks.iter().zip(means_of(&board));
         self.outside.extend(places.map(|(head, board)| outside(coefficients, curves, *head, board)));
-        self.telemetry.extend(heads_of_blocks);
-        let [low, high] = range_of(&heads.iter().map(|reading| reading.telemetry).collect::<Vec<_>>());
+        self.temperature.extend(heads_of_blocks);
+        let [low, high] = range_of(&heads.iter().map(|reading| reading.temperature).collect::<Vec<_>>());
         self.range = [self.range[0].min(low), self.range[1].max(high)];
-        self.recordings.push(Telemetry { readings: heads, times_ns, values: head });
+        self.recordings.push(Temperature { readings: heads, times_ns, values: head });
         Ok(())
     }
 
@@ -346,15 +348,15 @@ impl Bias {
         let by_recording: Vec<[Vec<f64>; PLAYS.len()]> = self
             .recordings
             .iter()
-            .map(|telemetry| {
+            .map(|temperature| {
                 PLAYS.map(|part| {
                     let half_width = part * (high - low);
-                    let mut z = telemetry.values[0];
+                    let mut z = temperature.values[0];
                     let column = |u: &f64| {
                         z = z.max(u - half_width).min(u + half_width);
                         (z - u) / half_width
                     };
-                    telemetry.values.iter().map(column).collect()
+                    temperature.values.iter().map(column).collect()
                 })
             })
             .collect();
@@ -366,7 +368,7 @@ impl Bias {
     }
 }
 
-/// Head and board telemetry of a sensor in a recording.
+/// Head and board temperature of a sensor in a recording.
 fn readings(
     recording: &RampRecording,
     sensor: usize,
@@ -375,17 +377,17 @@ fn readings(
     let (heads, boards) = (recording.heads(sensor), recording.boards(sensor));
     for (part, readings) in [("head", &heads), ("board", &boards)] {
         // Bad rows were left out of a stretch before, and its noise is a larger part of its range.
-        let spike = spike(readings, recording.step_of_telemetry()).filter(|_| !recording.is_stretch());
-        if let Some(Reading { telemetry, time_ns }) = spike {
+        let spike = spike(readings, recording.step_of_temperature()).filter(|_| !recording.is_stretch());
+        if let Some(Reading { temperature, time_ns }) = spike {
             return Err(TransientsError::Recording(format!(
-                "{}: the {part} telemetry of {name} is {telemetry} at {time_ns} ns, unlike the readings before and after it: a broken reading; leave \
+                "{}: the {part} temperature of {name} is {temperature} at {time_ns} ns, unlike the readings before and after it: a broken reading; leave \
                  its rows out",
                 recording.name()
             )));
         }
     }
     if heads.is_empty() || boards.is_empty() {
-        return Err(TransientsError::Recording(format!("{}: no telemetry", recording.name())));
+        return Err(TransientsError::Recording(format!("{}: no temperature", recording.name())));
     }
     Ok((heads, boards))
 }
@@ -411,19 +413,19 @@ pub(super) fn indicated(
     recording.bins().iter().zip(head.iter().zip(board)).map(of_bin).collect()
 }
 
-/// Whether a curve of the table does not reach this telemetry.
+/// Whether a curve of the table does not reach this temperature.
 fn outside(coefficients: &Axis, curves: CurveSource, head: f64, board: f64) -> bool {
     curves == CurveSource::Campaign && beyond(&coefficients.bias, head)
         || beyond(&coefficients.positive_scale_factor, board)
         || beyond(&coefficients.negative_scale_factor, board)
 }
 
-/// Whether the telemetry is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and
+/// Whether the temperature is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and
 /// a constant goes on everywhere.
-fn beyond(polynomial: &Polynomial, telemetry: f64) -> bool {
+fn beyond(polynomial: &Polynomial, temperature: f64) -> bool {
     let [low, high] = polynomial.range();
     let margin = BEYOND * (high - low);
-    polynomial.coefficients().len() > 1 && !(low - margin..=high + margin).contains(&telemetry)
+    polynomial.coefficients().len() > 1 && !(low - margin..=high + margin).contains(&temperature)
 }
 
 /// Chebyshev polynomials of order 1, 2 and 3.
@@ -489,12 +491,12 @@ fn blocks_of(number: usize, recording: &RampRecording) -> Result<Vec<Block>, Tra
 /// A reading that goes away from both neighbours, to the same side, by more than a part of the usual range, and than a
 /// coarse thermometer does by chance.
 fn spike(readings: &[Reading], step: f64) -> Option<Reading> {
-    let mut sorted: Vec<f64> = readings.iter().map(|reading| reading.telemetry).collect();
+    let mut sorted: Vec<f64> = readings.iter().map(|reading| reading.temperature).collect();
     sorted.sort_unstable_by(f64::total_cmp);
     let at = |part: usize| sorted.get(sorted.len() * part / 20).copied();
     let limit = (SPIKE * (at(19)? - at(1)?)).max(STEPS * step);
     let middle = |three: &[Reading]| {
-        let [before, here, after] = [0, 1, 2].map(|i| three[i].telemetry);
+        let [before, here, after] = [0, 1, 2].map(|i| three[i].temperature);
         let away = (here - before).min(here - after).max((before - here).min(after - here));
         (limit > 0.0 && away > limit).then_some(three[1])
     };
@@ -502,7 +504,7 @@ fn spike(readings: &[Reading], step: f64) -> Option<Reading> {
 }
 
 /// Usual time between two readings \[s\].
-fn telemetry_interval_s(readings: &[Reading]) -> f64 {
+fn temperature_interval_s(readings: &[Reading]) -> f64 {
     let mut steps: Vec<f64> =
         readings.windows(2).map(|pair| (pair[1].time_ns - pair[0].time_ns) as f64 / 1e9).collect();
     median(&mut steps)

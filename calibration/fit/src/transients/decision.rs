@@ -140,7 +140,7 @@ fn reason(condition: &Condition, time_constant: &TimeConstant) -> String {
     let Condition { figure, limit, .. } = *condition;
     match condition.name {
         "both-directions" => format!(
-            "heating and cooling of one recording share {:.0} % of the range of the telemetry, {:.0} % are needed: heat and cool in one recording",
+            "heating and cooling of one recording share {:.0} % of the range of the temperature, {:.0} % are needed: heat and cool in one recording",
             100.0 * figure.max(0.0),
             100.0 * limit
         ),

@@ -1,4 +1,4 @@
-//! The readings of one telemetry, reduced while they are read.
+//! The readings of one temperature, reduced while they are read.
 
 use core::ops::Range;
 use isotherm_shared::lag::LaggedReading;
@@ -19,7 +19,7 @@ pub(super) struct Changes {
     skipped: u32,
 }
 
-/// The readings of one telemetry.
+/// The readings of one temperature.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Readings {
     /// Least and largest reading.
@@ -35,7 +35,7 @@ pub(super) struct Readings {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Reading {
     pub time_ns: u64,
-    pub telemetry: f64,
+    pub temperature: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,7 +43,7 @@ struct ReadingSum {
     first_ns: u64,
     /// Sum of the times after the first.
     time_ns: u64,
-    telemetry: f64,
+    temperature: f64,
     count: u32,
 }
 
@@ -81,33 +81,33 @@ impl Readings {
         };
         let means: Vec<Reading> = self.readings().into_iter().filter(is_within).collect();
         let widen = |extremes: Option<[f64; 2]>, reading: &Reading| {
-            let [low, high] = extremes.unwrap_or([reading.telemetry; 2]);
-            Some([low.min(reading.telemetry), high.max(reading.telemetry)])
+            let [low, high] = extremes.unwrap_or([reading.temperature; 2]);
+            Some([low.min(reading.temperature), high.max(reading.temperature)])
         };
         Self { extremes: means.iter().fold(None, widen), means, steps: self.steps.clone(), ..Self::default() }
     }
 
-    /// `unknown_ns` is the time of telemetry whose time is not known.
-    pub(super) fn add(&mut self, raw: &RawSample, telemetry: f64, unknown_ns: u64) {
+    /// `unknown_ns` is the time of temperature whose time is not known.
+    pub(super) fn add(&mut self, raw: &RawSample, temperature: f64, unknown_ns: u64) {
         let (time_ns, is_new) = match raw.telemetry_ns {
-            // Without the time of the telemetry only a change shows that it was read.
-            0 => (unknown_ns, self.latest.is_none_or(|latest| latest.telemetry != telemetry)),
+            // Without the time of the temperature only a change shows that it was read.
+            0 => (unknown_ns, self.latest.is_none_or(|latest| latest.temperature != temperature)),
             time_ns => (time_ns, true),
         };
         if !is_new || self.latest.is_some_and(|latest| latest.time_ns >= time_ns) {
             return;
         }
-        let change = self.latest.map(|latest| telemetry - latest.telemetry);
+        let change = self.latest.map(|latest| temperature - latest.temperature);
         change.filter(|change| *change != 0.0).into_iter().for_each(|change| self.steps.add(change));
-        self.latest = Some(Reading { time_ns, telemetry });
-        let [low, high] = self.extremes.unwrap_or([telemetry; 2]);
-        self.extremes = Some([low.min(telemetry), high.max(telemetry)]);
+        self.latest = Some(Reading { time_ns, temperature });
+        let [low, high] = self.extremes.unwrap_or([temperature; 2]);
+        self.extremes = Some([low.min(temperature), high.max(temperature)]);
         if time_ns - self.sum.first_ns >= BIN_NS {
             self.means.extend(self.sum.mean());
             self.sum = ReadingSum { first_ns: time_ns, ..ReadingSum::default() };
         }
         self.sum.time_ns += time_ns - self.sum.first_ns;
-        self.sum.telemetry += telemetry;
+        self.sum.temperature += temperature;
         self.sum.count += 1;
     }
 
@@ -120,12 +120,12 @@ impl ReadingSum {
     fn mean(&self) -> Option<Reading> {
         (self.count > 0).then(|| Reading {
             time_ns: self.first_ns + self.time_ns / u64::from(self.count),
-            telemetry: self.telemetry / f64::from(self.count),
+            temperature: self.temperature / f64::from(self.count),
         })
     }
 }
 
-/// Telemetry at each of the rising `times_ns`, linear between readings, constant before the first and after the last.
+/// Temperature at each of the rising `times_ns`, linear between readings, constant before the first and after the last.
 /// `readings` has at least one.
 pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
     let mut before = 0;
@@ -137,30 +137,30 @@ pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
         match readings.get(before + 1) {
             Some(to) if from.time_ns < time_ns => {
                 let part = (time_ns - from.time_ns) as f64 / (to.time_ns - from.time_ns) as f64;
-                from.telemetry + (to.telemetry - from.telemetry) * part
+                from.temperature + (to.temperature - from.temperature) * part
             }
-            _ => from.telemetry,
+            _ => from.temperature,
         }
     };
     times_ns.iter().map(value).collect()
 }
 
-/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `telemetry` is U at
+/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `temperature` is U at
 /// these times.
-pub(super) fn behind(readings: &[Reading], times_ns: &[u64], telemetry: &[f64], lag_ns: u64) -> Vec<f64> {
+pub(super) fn behind(readings: &[Reading], times_ns: &[u64], temperature: &[f64], lag_ns: u64) -> Vec<f64> {
     let first = readings[0];
-    let mut state = LaggedReading { time_ns: first.time_ns, telemetry: first.telemetry, lagged: first.telemetry };
+    let mut state = LaggedReading { time_ns: first.time_ns, temperature: first.temperature, lagged: first.temperature };
     let mut rest = &readings[1..];
-    let difference = |(&time_ns, &telemetry): (&u64, &f64)| {
+    let difference = |(&time_ns, &temperature): (&u64, &f64)| {
         while let Some((next, others)) = rest.split_first().filter(|(next, _)| next.time_ns <= time_ns) {
-            state = state.next(next.telemetry, next.time_ns, lag_ns);
+            state = state.next(next.temperature, next.time_ns, lag_ns);
             rest = others;
         }
         if time_ns <= state.time_ns {
-            state.lagged - state.telemetry
+            state.lagged - state.temperature
         } else {
-            state.next(telemetry, time_ns, lag_ns).lagged - telemetry
+            state.next(temperature, time_ns, lag_ns).lagged - temperature
         }
     };
-    times_ns.iter().zip(telemetry).map(difference).collect()
+    times_ns.iter().zip(temperature).map(difference).collect()
 }

@@ -1,4 +1,4 @@
-//! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the telemetry.
+//! One recording of a ramp, reduced while it is read: pulses by bins of a second, and the readings of the temperature.
 
 use super::readings::{BIN_NS, Changes, Reading, Readings, interpolated};
 use crate::screen::{BadRows, Screen};
@@ -19,7 +19,7 @@ const LEAST_CHANGES: u32 = 3;
 pub struct RampRecording {
     name: String,
     previous_ns: Option<u64>,
-    telemetry_is_of_middle: bool,
+    temperature_is_of_middle: bool,
     bins: Vec<Bin>,
     heads: [Readings; SENSORS],
     boards: [Readings; SENSORS],
@@ -76,7 +76,7 @@ impl RampRecording {
         Self {
             name: name.into(),
             previous_ns: None,
-            telemetry_is_of_middle: false,
+            temperature_is_of_middle: false,
             bins: Vec::new(),
             heads: Default::default(),
             boards: Default::default(),
@@ -108,7 +108,7 @@ impl RampRecording {
     /// bad if it holds a value that no sensor measured, such as a marker, a spike, no number, a temperature that no IMU
     /// has, or a value that stands still.
     ///
-    /// Telemetry whose time is not known is that of the middle of its row, as the pulses are: a log has both of one
+    /// Temperature whose time is not known is that of the middle of its row, as the pulses are: a log has both of one
     /// instant. At the end of a row of a second, a fast warm-up would be a tenth of a degree further.
     ///
     /// # Errors
@@ -119,7 +119,7 @@ impl RampRecording {
     ) -> Result<Self, RecordingError> {
         let mut screen = Screen::default();
         let mut recording = Self::read_with(name, rows, |recording, raw| {
-            recording.telemetry_is_of_middle = true;
+            recording.temperature_is_of_middle = true;
             recording.arrive(raw, implausible_time)?;
             screen.add(raw, |raw, is_good| recording.take(raw, is_good));
             Ok(())
@@ -182,8 +182,8 @@ impl RampRecording {
         isotherm_statistics::median(gaps)
     }
 
-    /// Head telemetry of A1 before and after the longest time without rows.
-    pub(super) fn telemetry_around_gap(&self) -> Option<[f64; 2]> {
+    /// Head temperature of A1 before and after the longest time without rows.
+    pub(super) fn temperature_around_gap(&self) -> Option<[f64; 2]> {
         let gap = |pair: &&[Bin]| pair[0].gap_ns(&pair[1]);
         let pair = self.bins.windows(2).max_by_key(gap)?;
         let (readings, times_ns) = (self.heads(0), [pair[0].middle_ns(), pair[1].middle_ns()]);
@@ -224,7 +224,7 @@ impl RampRecording {
     /// Adds the next sample. Gaps are allowed.
     ///
     /// # Errors
-    /// Why the sample cannot be used: see [`implausible`]; a full counter or telemetry that is not finite, of a
+    /// Why the sample cannot be used: see [`implausible`]; a full counter or temperature that is not finite, of a
     /// gyroscope.
     pub fn add(&mut self, raw: &RawSample) -> Result<(), String> {
         let implausible = |raw: &RawSample, previous_ns| {
@@ -264,7 +264,7 @@ impl RampRecording {
             return;
         }
         let gyroscopes = raw.gyroscopes.or_zero();
-        let unknown_ns = match self.telemetry_is_of_middle {
+        let unknown_ns = match self.temperature_is_of_middle {
             true => raw.timestamp_ns.saturating_sub(raw.interval_ns / 2),
             false => raw.timestamp_ns,
         };
@@ -364,8 +364,8 @@ impl RampRecording {
         self.steps[sensor].least()
     }
 
-    /// The least change of the head telemetry of A1, but for some; 0 if it never changes.
-    pub(crate) fn step_of_telemetry(&self) -> f64 {
+    /// The least change of the head temperature of A1, but for some; 0 if it never changes.
+    pub(crate) fn step_of_temperature(&self) -> f64 {
         self.heads[0].steps.least()
     }
 
@@ -423,10 +423,10 @@ impl RampRecording {
     }
 
     /// Mean of what a sensor, 0 to 5, indicates \[g0 or deg/h\], its bias included, with the scale factors at mean
-    /// board telemetry; NaN without rows.
+    /// board temperature; NaN without rows.
     pub(crate) fn mean_indicated(&self, sensor: usize, coefficients: &Axis) -> f64 {
         let boards = self.boards(sensor);
-        let board = boards.iter().map(|reading| reading.telemetry).sum::<f64>() / boards.len() as f64;
+        let board = boards.iter().map(|reading| reading.temperature).sum::<f64>() / boards.len() as f64;
         let seconds: f64 = self.bins.iter().map(Bin::seconds).sum();
         let scale_factors = [&coefficients.positive_scale_factor, &coefficients.negative_scale_factor];
         let pulses = |channel: usize| self.bins.iter().map(|bin| bin.pulses[sensor][channel]).sum::<u64>() as f64;
@@ -438,7 +438,7 @@ impl RampRecording {
         self.devices
     }
 
-    /// Whether any sample has pulses or telemetry of a gyroscope.
+    /// Whether any sample has pulses or temperature of a gyroscope.
     pub const fn has_gyroscopes(&self) -> bool {
         self.has_gyroscopes
     }
@@ -448,18 +448,18 @@ impl RampRecording {
         &self.bins
     }
 
-    /// The readings of a sensor's head telemetry, in order.
+    /// The readings of a sensor's head temperature, in order.
     pub(crate) fn heads(&self, sensor: usize) -> Vec<Reading> {
         self.heads[sensor].readings()
     }
 
-    /// The readings of a sensor's board telemetry, in order.
+    /// The readings of a sensor's board temperature, in order.
     pub(super) fn boards(&self, sensor: usize) -> Vec<Reading> {
         self.boards[sensor].readings()
     }
 
-    /// Head telemetry of A1 in the middle of each bin; empty without telemetry.
-    pub(crate) fn telemetry_of_bins(&self) -> Vec<f64> {
+    /// Head temperature of A1 in the middle of each bin; empty without temperature.
+    pub(crate) fn temperature_of_bins(&self) -> Vec<f64> {
         let (readings, times_ns) = (self.heads(0), self.bins.iter().map(Bin::middle_ns).collect::<Vec<_>>());
         if readings.is_empty() { Vec::new() } else { interpolated(&readings, &times_ns) }
     }
@@ -469,25 +469,25 @@ impl RampRecording {
         isotherm_statistics::median(self.bins.iter().map(Bin::seconds))
     }
 
-    /// Rates at which the head telemetry of A1 moves, without sign, over parts of the recording \[1/s\].
-    pub(crate) fn rates_of_telemetry(&self, part: f64) -> Vec<f64> {
+    /// Rates at which the head temperature of A1 moves, without sign, over parts of the recording \[1/s\].
+    pub(crate) fn rates_of_temperature(&self, part: f64) -> Vec<f64> {
         let heads = self.heads(0);
         let ends = heads.first().zip(heads.last());
         let step_ns = ends.map_or(0.0, |(first, last)| (last.time_ns - first.time_ns) as f64 * part);
         let mut from = heads.first().copied();
         let mut rates = Vec::new();
         for reading in heads {
-            let Some(Reading { time_ns, telemetry }) = from else { break };
+            let Some(Reading { time_ns, temperature }) = from else { break };
             let passed_ns = (reading.time_ns - time_ns) as f64;
             if passed_ns >= step_ns && passed_ns > 0.0 {
-                rates.push((reading.telemetry - telemetry).abs() / (passed_ns / 1e9));
+                rates.push((reading.temperature - temperature).abs() / (passed_ns / 1e9));
                 from = Some(reading);
             }
         }
         rates
     }
 
-    /// Least and largest head and board telemetry of a sensor, 0 to 5; `None` without rows.
+    /// Least and largest head and board temperature of a sensor, 0 to 5; `None` without rows.
     pub(crate) fn extremes(&self, sensor: usize) -> [Option<[f64; 2]>; 2] {
         [&self.heads, &self.boards].map(|all| all[sensor].extremes)
     }
@@ -496,9 +496,9 @@ impl RampRecording {
 /// The reason why the part of the gyroscopes cannot be used.
 fn implausible_gyroscopes(triad: &Triad) -> Option<String> {
     for (axis, name) in SensorKind::Gyroscope.names().iter().enumerate() {
-        for (telemetry, place) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
-            if !telemetry.is_finite() {
-                return Some(format!("g{}_{place} is {telemetry}, which is no temperature", axis + 1));
+        for (temperature, place) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
+            if !temperature.is_finite() {
+                return Some(format!("g{}_{place} is {temperature}, which is no temperature", axis + 1));
             }
         }
         if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {

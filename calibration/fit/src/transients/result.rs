@@ -95,9 +95,9 @@ pub struct BiasTransient {
     pub kind: SensorKind,
     /// 0 to 2.
     pub axis: usize,
-    /// What is written: the transient per unit of telemetry \[g0 or deg/h\]; 0 if it is not written.
+    /// What is written: the transient per unit of temperature \[g0 or deg/h\]; 0 if it is not written.
     pub transient: f64,
-    /// The estimate, written or not \[g0 or deg/h per unit of telemetry\].
+    /// The estimate, written or not \[g0 or deg/h per unit of temperature\].
     pub estimate: f64,
     /// Its standard error, with that of the time constant in it.
     pub standard_error: f64,

@@ -47,7 +47,7 @@ struct Replicates {
 }
 
 impl<'a> Grid<'a> {
-    /// The grid of a search, from what the telemetry and the blocks resolve to a quarter of the longest sweep; or one
+    /// The grid of a search, from what the temperature and the blocks resolve to a quarter of the longest sweep; or one
     /// time constant alone.
     pub(super) fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
         let (low, high) = (ramps.least_tau_s, ramps.longest_sweep_s / 4.0);

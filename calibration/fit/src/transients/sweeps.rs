@@ -26,7 +26,7 @@ pub(super) fn values(ramps: &Ramps, of: &Bias, soak_s: f64, residual: impl Fn(us
     let of_sweep = |sweep: &super::blocks::RampSweep| {
         let blocks = sweep.pieces.iter().flat_map(Clone::clone);
         let there = blocks.filter(|&i| ramps.blocks[i].age_s > soak_s && !ramps.blocks[i].left_out);
-        let values = there.map(|i| (of.telemetry[i], residual(i))).collect();
+        let values = there.map(|i| (of.temperature[i], residual(i))).collect();
         SweepValues { recording: sweep.recording, heating: sweep.heating, values }
     };
     ramps.sweeps.iter().map(of_sweep).collect()
@@ -76,13 +76,13 @@ pub(super) fn findings(
     }
     let others: Vec<(usize, usize, f64)> = (0..biases.len())
         .filter_map(|bias| {
-            let (recording, differs) = other_unit(&ramps.biases[bias], &still[bias], spans[bias])?;
-            // A recording is of one unit, whatever its stretches show.
+            let (recording, differs) = other_device(&ramps.biases[bias], &still[bias], spans[bias])?;
+            // A recording is of one device, whatever its stretches show.
             (!recordings[recording].is_stretch()).then_some((recording, bias, differs))
         })
         .collect();
     if let Some((recording, ..)) = others.first() {
-        all.push(of_another_unit(recordings, *recording, &others, biases));
+        all.push(of_another_device(recordings, *recording, &others, biases));
         return all;
     }
     all.extend(disagreement(ramps, recordings, biases, lagless));
@@ -90,7 +90,7 @@ pub(super) fn findings(
 }
 
 /// The recording whose sweeps have another shape than the others', with the difference; the last one if there are two.
-fn other_unit(of: &Bias, sweeps: &[SweepValues], span: f64) -> Option<(usize, f64)> {
+fn other_device(of: &Bias, sweeps: &[SweepValues], span: f64) -> Option<(usize, f64)> {
     let recordings = sweeps.iter().map(|sweep| sweep.recording).max()? + 1;
     let width = |keep: &dyn Fn(usize) -> bool| {
         let kept: Vec<_> = sweeps.iter().filter(|sweep| keep(sweep.recording)).cloned().collect();
@@ -109,7 +109,7 @@ fn other_unit(of: &Bias, sweeps: &[SweepValues], span: f64) -> Option<(usize, f6
     (0..recordings).rev().find(|recording| large && is_other(recording)).map(|recording| (recording, differs))
 }
 
-fn of_another_unit(
+fn of_another_device(
     recordings: &[RampRecording],
     recording: usize,
     others: &[(usize, usize, f64)],
@@ -126,12 +126,12 @@ fn of_another_unit(
         _ => "as the others".to_owned(),
     };
     let message = format!(
-        "{}: the biases do not change over temperature {rest} ({}), while the sweeps of each recording agree: a ramp of another unit; give \
-         the ramps of one unit",
+        "{}: the biases do not change over temperature {rest} ({}), while the sweeps of each recording agree: a ramp of another device; give \
+         the ramps of one device",
         recordings[recording].name(),
         sizes.join(", ")
     );
-    Finding::whole(Severity::Fault, name::RAMP_UNIT, message)
+    Finding::whole(Severity::Fault, name::RAMP_DEVICE, message)
 }
 
 /// The warning that sweeps differ by more than their noise and a lag.
@@ -176,7 +176,7 @@ fn disagreement(
 fn missing(recording: &RampRecording) -> Option<Finding> {
     let (missing_s, all_s) = recording.missing_s();
     let (at_s, gap_s) = recording.largest_gap_s();
-    let [from, to] = recording.telemetry_around_gap()?;
+    let [from, to] = recording.temperature_around_gap()?;
     (missing_s > MISSING * all_s).then(|| {
         let message = format!(
             "{}: rows are missing for {missing_s:.0} of {all_s:.0} s, the most for {gap_s:.0} s, {at_s:.0} s after its begin, from {from:.3} to \

@@ -61,7 +61,7 @@ impl Attitudes {
 impl fmt::Display for Attitudes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.directions.len();
-        write!(f, "the standstills have {count} {}", if count == 1 { "attitude" } else { "attitudes" })?;
+        write!(f, "the static poses have {count} {}", if count == 1 { "attitude" } else { "attitudes" })?;
         match self.missing().as_slice() {
             [] => Ok(()),
             missing => write!(f, ", without {}", missing.join(", ")),

@@ -44,7 +44,7 @@ pub(super) fn of_recordings(
     found
 }
 
-/// Samples of another unit than the campaign's serial number says. Samples without a device, and campaigns without a
+/// Samples of another device than the campaign's serial number says. Samples without a device, and campaigns without a
 /// serial number, pass.
 fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<Finding> {
     let serial = campaign.serial.as_deref()?;
@@ -52,7 +52,7 @@ fn other_device(campaign: &Campaign, recordings: &[TumbleRecording]) -> Option<F
     let other = |row: &RawSample| row.device != 0 && ours != 0 && row.device != ours;
     let recording = recordings.iter().find(|recording| recording.rows.iter().any(other))?;
     let message = format!(
-        "samples of another unit than serial number {serial}; correct the serial number, or accept them: --other-device"
+        "samples of another device than serial number {serial}; correct the serial number, or accept them: --other-device"
     );
     Some(Finding::fault(name::OTHER_DEVICE, message).at(recording.place()))
 }
@@ -117,20 +117,20 @@ fn zeroed(found: &Ellipsoid, gravity: f64) -> Option<Finding> {
     })
 }
 
-/// A range of the table far beyond the telemetry of the static poses.
+/// A range of the table far beyond the temperature of the static poses.
 pub(super) fn unmeasured(ranges: &Ranges, measured: &Ranges) -> Option<Finding> {
     let joint = |all: &Ranges| joint_range(all.iter().flatten().copied());
     let [[low, high], [from, to]] = [joint(ranges), joint(measured)];
     (high - low > MUCH_WIDER * (to - from)).then(|| {
         let message = format!(
-            "the table is for telemetry from {low} to {high}, but the standstills have {from:.2} to {to:.2}: the intervals hold in that \
+            "the table is for temperature from {low} to {high}, but the static poses have {from:.2} to {to:.2}: the intervals hold in that \
              span alone, and nothing is known of the rest; tumble at other temperatures, too"
         );
         Finding::warning(name::UNMEASURED, message)
     })
 }
 
-/// A warning about telemetry in kelvin with the label of degrees Celsius.
+/// A warning about temperature in kelvin with the label of degrees Celsius.
 pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Finding> {
     let lowest = readings.iter().flat_map(|reading| reading.head).fold(f64::INFINITY, f64::min);
     let is_kelvin = campaign.temperature_unit == "degC" && lowest > NO_CELSIUS;
@@ -139,8 +139,8 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
             true => "it looks like milli-degC: convert it, or state its unit",
             false => "if it is in kelvin, say so: K",
         };
-        let message = format!("the telemetry is {lowest:.1} degC at least; {cause}");
-        Finding::warning(name::TELEMETRY_OFFSET, message)
+        let message = format!("the temperature is {lowest:.1} degC at least; {cause}");
+        Finding::warning(name::TEMPERATURE_OFFSET, message)
     })
 }
 
@@ -149,7 +149,7 @@ pub(super) fn kelvin(campaign: &Campaign, readings: &[Reading]) -> Option<Findin
 pub(super) fn turned(turned: usize, used: usize) -> Option<Finding> {
     (turned > 0).then(|| {
         let message = format!(
-            "{turned} of {} standstills are left out: the IMU turned by over 5 mrad in each; put it on firm ground",
+            "{turned} of {} static poses are left out: the IMU turned by over 5 mrad in each; put it on firm ground",
             turned + used
         );
         Finding::warning(name::TURNED, message)
@@ -191,7 +191,7 @@ pub(super) fn outliers(readings: &[Reading], weighted: &WeightedFit<'_>) -> Vec<
                  it out: --exclude {}",
                 reading.start_s, off * 1e6, reading.number
             );
-            Finding::warning(name::OUTLIER, message).at(Location::Standstill(reading.number))
+            Finding::warning(name::OUTLIER, message).at(Location::StaticPose(reading.number))
         })
     };
     readings.iter().enumerate().filter_map(shown).collect()
@@ -200,7 +200,7 @@ pub(super) fn outliers(readings: &[Reading], weighted: &WeightedFit<'_>) -> Vec<
 /// Nothing is left to judge the table by.
 pub(super) fn no_freedom(poses: usize) -> Finding {
     let message = format!(
-        "{poses} standstills for {poses} unknowns: nothing is left to judge the table by, so there are no standard errors; put the \
+        "{poses} static poses for {poses} unknowns: nothing is left to judge the table by, so there are no standard errors; put the \
          IMU down in more attitudes"
     );
     Finding::warning(name::NO_FREEDOM, message)
@@ -211,7 +211,7 @@ pub(super) fn not_stated(fitted: &TumbleFit<'_>, groups: &Groups) -> Option<Find
     let order = fitted.model.unknowns.order;
     (groups.count > 1 && groups.count <= order + 1).then(|| {
         let message = format!(
-            "{} groups of standstills, by file, power-up and temperature, for order {order}: nothing is left to tell what a group shares from \
+            "{} groups of static poses, by file, power-up and temperature, for order {order}: nothing is left to tell what a group shares from \
              temperature, so no errors of biases and scale factors are stated; take one more group, or a lower order",
             groups.count
         );

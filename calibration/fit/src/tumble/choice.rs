@@ -35,7 +35,7 @@ const SCALE_FACTORS: f64 = 1.5;
 const LARGEST_BIAS: f64 = 0.7;
 /// Pulses of a static pose beyond this are no accelerometer's, in local gravity.
 const LARGEST_LOAD: f64 = 3.0;
-/// Parts of the telemetry's range that are counted where one group allows an order.
+/// Parts of the temperature's range that are counted where one group allows an order.
 const PARTS: f64 = 10.0;
 
 /// The fit that was chosen.
@@ -245,7 +245,7 @@ fn no_fit(data: Data<'_>, order: usize, split: bool) -> TumbleError {
     let dilution = data.dilution(order, split);
     if dilution.times_root_n <= MOST {
         return TumbleError::Refused(format!(
-            "no accelerometer explains the standstills: scale factors would differ by over {SCALE_FACTORS} times between standstills, or a \
+            "no accelerometer explains the static poses: scale factors would differ by over {SCALE_FACTORS} times between static poses, or a \
              bias would be over {LARGEST_BIAS} g0; look at the columns, signs and units of the counts, file by file"
         ));
     }
@@ -280,16 +280,16 @@ fn asked_order(order: usize, readings: &[Reading], groups: &Groups) -> Result<()
     )))
 }
 
-/// Tenths of the telemetry's range with a static pose, where telemetry moves within one group.
+/// Tenths of the temperature's range with a static pose, where temperature moves within one group.
 fn parts_of_range(readings: &[Reading], groups: &Groups) -> usize {
-    let telemetry: Vec<f64> = readings.iter().map(Reading::telemetry).collect();
-    let [low, high] = joint_range(telemetry.iter().map(|telemetry| [*telemetry; 2]));
-    let step = readings.iter().map(|reading| reading.telemetry_step).fold(0.0, f64::max);
+    let temperature: Vec<f64> = readings.iter().map(Reading::temperature).collect();
+    let [low, high] = joint_range(temperature.iter().map(|temperature| [*temperature; 2]));
+    let step = readings.iter().map(|reading| reading.temperature_step).fold(0.0, f64::max);
     if high - low <= MOVED * groups.row_noise || high - low <= STEPS * step {
         return 0;
     }
-    let part = |telemetry: &f64| ((telemetry - low) / (high - low) * PARTS).min(PARTS - 1.0) as usize;
-    telemetry.iter().map(part).collect::<BTreeSet<_>>().len()
+    let part = |temperature: &f64| ((temperature - low) / (high - low) * PARTS).min(PARTS - 1.0) as usize;
+    temperature.iter().map(part).collect::<BTreeSet<_>>().len()
 }
 
 /// Order and split with their reasons. Each is chosen under the other, until both stay: a split that is missed looks
@@ -331,13 +331,13 @@ fn is_split(candidates: &mut Candidates<'_>, order: usize) -> (bool, String) {
         Some(p) if p < SPLIT_SIGNIFICANCE => (true, format!("a K- of its own is significant (p {p:.1e})")),
         Some(p) => (false, format!("a K- of its own is not significant (p {p:.3})")),
         None if data.readings.len() < data.unknowns(order, true).count() => {
-            (false, "the standstills do not determine a K- of its own".to_owned())
+            (false, "the static poses do not determine a K- of its own".to_owned())
         }
         None => match data.dilution(order, true).times_root_n {
             large if large > MOST => {
                 (false, format!("the attitudes do not show a K- of its own, D sqrt(n) would be {}", shown(large)))
             }
-            _ => (false, "the standstills leave nothing to judge a K- of its own by".to_owned()),
+            _ => (false, "the static poses leave nothing to judge a K- of its own by".to_owned()),
         },
     }
 }
@@ -385,7 +385,7 @@ fn signs(readings: &[Reading], data: Data<'_>) -> Result<(), TumbleError> {
         ];
         if let Some((_, what)) = lacks.into_iter().find(|(there, _)| !there) {
             return Err(TumbleError::Refused(format!(
-                "--scale-factor split: {name} has no standstill with {what}, so its K+ and K- cannot be told from its bias; put the IMU down with {}",
+                "--scale-factor split: {name} has no static pose with {what}, so its K+ and K- cannot be told from its bias; put the IMU down with {}",
                 match what {
                     "a positive reading" => format!("+{name} up"),
                     "a negative reading" => format!("-{name} up"),
@@ -403,5 +403,5 @@ fn shown(times_root_n: f64) -> String {
 }
 
 fn poses(n: usize) -> &'static str {
-    if n == 1 { "standstill" } else { "standstills" }
+    if n == 1 { "static_pose" } else { "static_poses" }
 }

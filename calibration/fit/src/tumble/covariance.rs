@@ -4,13 +4,13 @@
 //! V = s2 I + sum th_k B_k B_k' + z z' + v v'
 //! B of bias and gain:     d_i and h_i of each group, several groups alone
 //! B of the walk:          d_i of what is after each of at most 25 steps, of one group in all about its mean
-//! B of the slopes:        d_i and h_i times (T_i - mean of the group), at order 0 alone, where telemetry moves
+//! B of the slopes:        d_i and h_i times (T_i - mean of the group), at order 0 alone, where temperature moves
 //! d_i = df_i/dx,   h_i = d_i times (x + A), element by element
 //! z_i = 60 s/sqrt(3) dT/dt df_i/dT,   v_i = (T_i - mean of the group)/sqrt(3) df_i/dT
 //! ```
 //! th: scatter of the groups' biases \[g0\] and gains, random walk of the bias over a group \[g0\], slopes of biases
-//! and gains over telemetry; z: an element that is up to 60 s behind its telemetry; v: one that does not follow the
-//! telemetry within a group.
+//! and gains over temperature; z: an element that is up to 60 s behind its temperature; v: one that does not follow the
+//! temperature within a group.
 //!
 //! A slope is a random quantity of unknown scatter, not an unknown: what the attitudes do not determine of it stays 0.
 
@@ -21,7 +21,7 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::{least_squares, mean};
 use nalgebra::{DMatrix, DVector};
 
-/// The element may be behind the telemetry by as much, either way \[s\].
+/// The element may be behind the temperature by as much, either way \[s\].
 pub(super) const LAG_S: f64 = 60.0;
 /// Standard deviation of a value that is anywhere within 1 of its middle.
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
@@ -29,7 +29,7 @@ const UNIFORM: f64 = 0.577_350_269_189_625_8;
 const UNSEEN: f64 = 1e-9;
 /// Least static poses of a group that a change of the temperature in time is taken from.
 const LEAST_IN_TIME: usize = 4;
-/// Row noises that telemetry must move by in a group to be a nuisance.
+/// Row noises that temperature must move by in a group to be a nuisance.
 pub(super) const MOVED: f64 = 6.0;
 /// Row noises that the means must move by for a slope: those of static poses that do not move differ by a third of one.
 const SLOPE_MOVED: f64 = 1.0;
@@ -46,9 +46,9 @@ pub(super) const BIAS: usize = 1;
 pub(super) const GAIN: usize = 2;
 /// Random walk of the bias in each group.
 pub(super) const WALK: usize = 3;
-/// Slope of each bias over telemetry.
+/// Slope of each bias over temperature.
 pub(super) const BIAS_SLOPE: usize = 4;
-/// Slope of each gain over telemetry.
+/// Slope of each gain over temperature.
 pub(super) const GAIN_SLOPE: usize = 5;
 
 /// The shapes at one fit.
@@ -127,7 +127,7 @@ pub(super) fn within_groups(by: &DMatrix<f64>, groups: &Groups) -> DMatrix<f64> 
     all
 }
 
-/// What a slope over telemetry makes of each reading.
+/// What a slope over temperature makes of each reading.
 fn along(by: &DMatrix<f64>, off: &[f64]) -> DMatrix<f64> {
     DMatrix::from_fn(by.nrows(), AXES, |i, axis| -by[(i, axis)] * off[i])
 }
@@ -165,17 +165,17 @@ fn walk(readings: &[Reading], groups: &Groups, by_force: &DMatrix<f64>) -> DMatr
 /// z and v.
 fn known(model: &GravityModel<'_>, fit: &GravityFit, groups: &Groups) -> DMatrix<f64> {
     let readings = model.readings();
-    let by_telemetry = model.by_telemetry(fit);
-    let telemetry: Vec<f64> = readings.iter().map(Reading::telemetry).collect();
-    let (off, rates) = (groups.centred(&telemetry), telemetry_rates(&telemetry, readings, groups));
+    let by_temperature = model.by_temperature(fit);
+    let temperature: Vec<f64> = readings.iter().map(Reading::temperature).collect();
+    let (off, rates) = (groups.centred(&temperature), temperature_rates(&temperature, readings, groups));
     DMatrix::from_fn(readings.len(), 2, |i, column| {
         let size = if column == 0 { LAG_S * rates[i] } else { off[i] };
-        UNIFORM * size * by_telemetry[i]
+        UNIFORM * size * by_temperature[i]
     })
 }
 
-/// Change of the telemetry in time at each reading \[1/s\]: of a parabola through its group; 0 in small groups.
-fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> Vec<f64> {
+/// Change of the temperature in time at each reading \[1/s\]: of a parabola through its group; 0 in small groups.
+fn temperature_rates(temperature: &[f64], readings: &[Reading], groups: &Groups) -> Vec<f64> {
     let times = groups.centred(&times(readings, groups));
     let mut rates = vec![0.0; readings.len()];
     for members in groups.all() {
@@ -183,9 +183,9 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
         if members.len() < LEAST_IN_TIME || length == 0.0 {
             continue;
         }
-        let middle = mean(&members.iter().map(|i| telemetry[*i]).collect::<Vec<_>>());
+        let middle = mean(&members.iter().map(|i| temperature[*i]).collect::<Vec<_>>());
         let design = DMatrix::from_fn(members.len(), 3, |row, power| (times[members[row]] / length).powi(power as i32));
-        let right = DVector::from_fn(members.len(), |row, _| middle - telemetry[members[row]]);
+        let right = DVector::from_fn(members.len(), |row, _| middle - temperature[members[row]]);
         let Some(parabola) = least_squares(&design, &right) else { continue };
         for i in members {
             rates[i] = (parabola.change[1] + 2.0 * parabola.change[2] * times[i] / length) / length;
@@ -194,12 +194,12 @@ fn telemetry_rates(telemetry: &[f64], readings: &[Reading], groups: &Groups) -> 
     rates
 }
 
-/// How far each reading's telemetry is off the mean of its group; `None` where it does not move, and above order 0,
+/// How far each reading's temperature is off the mean of its group; `None` where it does not move, and above order 0,
 /// whose curves have slopes.
 pub(super) fn slopes(model: &GravityModel<'_>, groups: &Groups) -> Option<Vec<f64>> {
-    let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
-    let moves = model.unknowns.order == 0 && groups.moved(&telemetry) > SLOPE_MOVED * groups.row_noise;
-    moves.then(|| groups.centred(&telemetry))
+    let temperature: Vec<f64> = model.readings().iter().map(Reading::temperature).collect();
+    let moves = model.unknowns.order == 0 && groups.moved(&temperature) > SLOPE_MOVED * groups.row_noise;
+    moves.then(|| groups.centred(&temperature))
 }
 
 /// The columns of [`slopes`], of the biases, then of the gains.

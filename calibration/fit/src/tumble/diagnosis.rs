@@ -1,7 +1,7 @@
-//! Single mistakes that explain why groups do not agree, each by the repair that mends it.
+//! Single mistakes that explain why groups do not agree, each by the repair that fixes it.
 //!
 //! Before any fit: an axis that does not feel gravity, and one that counts by a factor of what it does in the other
-//! groups, by the ellipsoids of the groups. After it: axes, signs and the unit of the telemetry of one group, by refits
+//! groups, by the ellipsoids of the groups. After it: axes, signs and the unit of the temperature of one group, by refits
 //! of order 1 at most. A repair is named if it divides the residual by 8 and the next one leaves twice as much.
 
 use super::choice::Data;
@@ -73,7 +73,7 @@ fn dead(
         if is_circle(readings, members, axis) {
             let name = AXIS_NAMES[axis];
             let message = format!(
-                "{}: over {} standstills {name} varies by {:.1} pulse/s while the others go round a circle: the IMU was turned about {name} \
+                "{}: over {} static poses {name} varies by {:.1} pulse/s while the others go round a circle: the IMU was turned about {name} \
                  alone, or {name} is dead; put it down with +{name} and with -{name} up, too",
                 names(group),
                 members.len(),
@@ -82,7 +82,7 @@ fn dead(
             return Finding::fault(name::NEVER_TURNED, message);
         }
         let message = format!(
-            "{}: {} does not feel gravity: over {} standstills its rate varies by {:.1} pulse/s, that of the others by {usual:.0}; look at \
+            "{}: {} does not feel gravity: over {} static poses its rate varies by {:.1} pulse/s, that of the others by {usual:.0}; look at \
              its column and its converter",
             names(group),
             AXIS_NAMES[axis],
@@ -105,7 +105,7 @@ fn never_turned(readings: &[Reading]) -> Option<Finding> {
     let turned = most / mean.norm();
     (readings.len() > 1 && turned < ONE_ATTITUDE && mean.norm() > ROW_NOISES * noise).then(|| {
         let message = format!(
-            "all {} standstills are one attitude within {:.1} degrees: the IMU was never turned; put it down on its faces, edges and corners",
+            "all {} static poses are one attitude within {:.1} degrees: the IMU was never turned; put it down on its faces, edges and corners",
             readings.len(),
             turned.to_degrees().max(0.1)
         );
@@ -135,7 +135,7 @@ fn alike(readings: &[Reading], errors: &[[f64; AXES]]) -> Option<Finding> {
     })?;
     (readings.len() >= LEAST_FOR_DEAD).then(|| {
         let message = format!(
-            "{} and {} count alike in all {} standstills: one column was taken twice; correct the columns",
+            "{} and {} count alike in all {} static poses: one column was taken twice; correct the columns",
             AXIS_NAMES[first],
             AXIS_NAMES[second],
             readings.len()
@@ -152,7 +152,7 @@ fn no_gravity(readings: &[Reading]) -> Option<Finding> {
     let same = (0..AXES).all(|axis| ranges[axis] <= ROW_NOISES * of_row(axis));
     (readings.len() > 1 && same).then(|| {
         let message = format!(
-            "over {} standstills no axis varies by more than the noise of single rows: gravity is not in the counts, or all are one \
+            "over {} static poses no axis varies by more than the noise of single rows: gravity is not in the counts, or all are one \
              attitude; look at the columns",
             readings.len()
         );
@@ -201,15 +201,15 @@ fn list(axes: &[usize]) -> String {
     axes.iter().map(|axis| AXIS_NAMES[*axis]).collect::<Vec<_>>().join(", ")
 }
 
-/// A mistake in one group, and what mends it.
+/// A mistake in one group, and what fixes it.
 #[derive(Clone, Copy)]
 enum Repair {
     /// The axes in another order.
     Axes([usize; AXES]),
     /// Signs of the axes.
     Signs([f64; AXES]),
-    /// The telemetry in another unit: factor, then offset, and how a message says it.
-    Telemetry(f64, f64, &'static str),
+    /// The temperature in another unit: factor, then offset, and how a message says it.
+    Temperature(f64, f64, &'static str),
 }
 
 impl Repair {
@@ -218,9 +218,9 @@ impl Repair {
         let signs =
             (1..8).map(|bits| Self::Signs([0, 1, 2].map(|axis| if bits >> axis & 1 == 1 { -1.0 } else { 1.0 })));
         let units = [
-            Self::Telemetry(1.0 / 1.8, -32.0 / 1.8, "degrees Fahrenheit among degrees Celsius"),
-            Self::Telemetry(1.8, 32.0, "degrees Celsius among degrees Fahrenheit"),
-            Self::Telemetry(1.0, -273.15, "kelvin among degrees Celsius"),
+            Self::Temperature(1.0 / 1.8, -32.0 / 1.8, "degrees Fahrenheit among degrees Celsius"),
+            Self::Temperature(1.8, 32.0, "degrees Celsius among degrees Fahrenheit"),
+            Self::Temperature(1.0, -273.15, "kelvin among degrees Celsius"),
         ];
         orders.into_iter().chain(signs).chain(units).collect()
     }
@@ -228,13 +228,13 @@ impl Repair {
     /// Two repairs of one kind in two groups are one mistake seen from both.
     fn is_like(self, other: Self) -> bool {
         match (self, other) {
-            (Self::Axes(_), Self::Axes(_)) | (Self::Telemetry(..), Self::Telemetry(..)) => true,
+            (Self::Axes(_), Self::Axes(_)) | (Self::Temperature(..), Self::Temperature(..)) => true,
             (Self::Signs(a), Self::Signs(b)) => a == b,
             _ => false,
         }
     }
 
-    fn mend(self, reading: &mut Reading) {
+    fn fix(self, reading: &mut Reading) {
         match self {
             Self::Axes(order) => {
                 reading.rates = order.map(|axis| reading.rates[axis]);
@@ -246,15 +246,15 @@ impl Repair {
                     }
                 }
             }
-            Self::Telemetry(factor, offset, _) => {
-                let mend = |telemetry: [f64; AXES]| telemetry.map(|value| factor * value + offset);
-                (reading.head, reading.board) = (mend(reading.head), mend(reading.board));
+            Self::Temperature(factor, offset, _) => {
+                let fix = |temperature: [f64; AXES]| temperature.map(|value| factor * value + offset);
+                (reading.head, reading.board) = (fix(reading.head), fix(reading.board));
             }
         }
     }
 
     fn finding(self, place: &str, ratio: f64) -> Finding {
-        let falls = format!("mended, the residual falls {ratio:.0} times");
+        let falls = format!("fixed, the residual falls {ratio:.0} times");
         match self {
             Self::Axes(order) => {
                 let moved: Vec<_> = (0..AXES).filter(|axis| order[*axis] != *axis).collect();
@@ -266,9 +266,9 @@ impl Repair {
                 let message = format!("{place}: the sign of {} is reversed: {falls}; correct it", list(&turned));
                 Finding::fault(name::CHANNELS_EXCHANGED, message)
             }
-            Self::Telemetry(_, _, what) => {
-                let message = format!("{place}: the telemetry is in {what}: {falls}; convert it");
-                Finding::fault(name::TELEMETRY_SLOPE, message)
+            Self::Temperature(_, _, what) => {
+                let message = format!("{place}: the temperature is in {what}: {falls}; convert it");
+                Finding::fault(name::TEMPERATURE_SLOPE, message)
             }
         }
     }
@@ -282,13 +282,13 @@ pub(super) fn of_groups(data: Data<'_>, names: &Names<'_>) -> Option<Finding> {
         let (model, fit) = data.fit(order, false)?;
         data.is_sane(&model, &fit).then(|| (fit.squares() / readings.len() as f64).sqrt())
     };
-    let mended = |group: usize, repair: Repair| {
+    let fixed = |group: usize, repair: Repair| {
         let mut readings = data.readings.to_vec();
-        data.groups.members(group).into_iter().for_each(|i| repair.mend(&mut readings[i]));
+        data.groups.members(group).into_iter().for_each(|i| repair.fix(&mut readings[i]));
         Some((rms(&readings)?, group, repair))
     };
     let all = (0..data.groups.count).flat_map(|group| Repair::all().into_iter().map(move |repair| (group, repair)));
-    let mut tried: Vec<_> = all.filter_map(|(group, repair)| mended(group, repair)).collect();
+    let mut tried: Vec<_> = all.filter_map(|(group, repair)| fixed(group, repair)).collect();
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (best, group, repair) = *tried.first()?;
     let now =

@@ -1,7 +1,7 @@
 //! What the attitudes allow: how an error of the static poses comes out in the output.
 //!
 //! ```text
-//! D^2 = mean over attitudes, axes and the telemetry's range of g' (J'J)^-1 g
+//! D^2 = mean over attitudes, axes and the temperature's range of g' (J'J)^-1 g
 //! g: derivatives of an axis' output by the unknowns
 //! ```
 //! D is the error of the output for an error of 1 in each static pose; D sqrt(n) does not fall with the number n of
@@ -62,12 +62,12 @@ impl Dilution {
     }
 }
 
-/// Where in the telemetry's range the output is looked at: at its ends and in the middle.
+/// Where in the temperature's range the output is looked at: at its ends and in the middle.
 fn parts(model: &GravityModel<'_>) -> &'static [f64] {
     if model.unknowns.order == 0 { &[0.5] } else { &[0.0, 0.5, 1.0] }
 }
 
-/// The mean of g g' over attitudes, axes and the telemetry's range: D^2 is the trace of its product with (J'J)^-1.
+/// The mean of g g' over attitudes, axes and the temperature's range: D^2 is the trace of its product with (J'J)^-1.
 fn moments(model: &GravityModel<'_>, fit: &GravityFit, gravity: f64) -> DMatrix<f64> {
     let parts = parts(model);
     let count = model.unknowns.count();
@@ -97,7 +97,7 @@ fn weakest(model: &GravityModel<'_>, fit: &GravityFit) -> Vec<String> {
     named.into_iter().map(|row| model.unknowns.name(row)).collect()
 }
 
-/// The attitude of the 26, at one end or the middle of the telemetry's range, with which D is least.
+/// The attitude of the 26, at one end or the middle of the temperature's range, with which D is least.
 fn help(
     model: &GravityModel<'_>,
     fit: &GravityFit,
@@ -123,8 +123,8 @@ fn help(
     let up = format!("with {}", up(&direction));
     match part {
         _ if parts.len() == 1 => up,
-        0.0 => format!("{up}, at the lowest telemetry"),
-        1.0 => format!("{up}, at the highest telemetry"),
-        _ => format!("{up}, at the middle of the telemetry's range"),
+        0.0 => format!("{up}, at the lowest temperature"),
+        1.0 => format!("{up}, at the highest temperature"),
+        _ => format!("{up}, at the middle of the temperature's range"),
     }
 }

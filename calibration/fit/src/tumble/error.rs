@@ -15,7 +15,7 @@ pub enum TumbleError {
         error: StaticPoseError,
     },
     /// A static pose to leave out does not exist.
-    #[error("there is no standstill {0}; there are {1}")]
+    #[error("there is no static pose {0}; there are {1}")]
     NothingToExclude(usize, usize),
     /// An option does not go with these recordings.
     #[error("{0}")]

@@ -23,10 +23,10 @@ pub(super) struct Estimates {
     pub misalignment: Option<([f64; AXES], f64)>,
 }
 
-/// The ranges of head and board telemetry, for each axis.
+/// The ranges of head and board temperature, for each axis.
 pub(super) type Ranges = [[[f64; 2]; AXES]; 2];
 
-/// The curves over `ranges`, with errors where telemetry was `measured`. `gravity` is the relative half width of the
+/// The curves over `ranges`, with errors where temperature was `measured`. `gravity` is the relative half width of the
 /// local gravity's 95 % interval: every scale factor is off by as much.
 pub(super) fn estimates(
     fitted: &TumbleFit<'_>,
@@ -39,7 +39,7 @@ pub(super) fn estimates(
     let unknown = fitted.unknown();
     // Between groups nothing is left to judge A and K by if the order takes it all.
     let known = weighted.as_ref().filter(|_| groups.count == 1 || groups.count > model.unknowns.order + 1);
-    let step = model.readings().iter().map(|reading| reading.telemetry_step).fold(0.0, f64::max);
+    let step = model.readings().iter().map(|reading| reading.temperature_step).fold(0.0, f64::max);
     let curve = |axis: usize, quantity: usize| {
         let sensor = usize::from(quantity > 0);
         let [range, measured] = [ranges[sensor][axis], measured[sensor][axis]];
@@ -69,11 +69,11 @@ pub(super) fn estimates(
 fn least_freedom(weighted: &WeightedFit<'_>, [axis, quantity]: [usize; 2], [low, high]: [f64; 2]) -> f64 {
     let points = (0..=STEPS).map(|step| low + (high - low) * f64::from(step) / f64::from(STEPS));
     points
-        .map(|telemetry| weighted.error(&weighted.model.gradient(axis, quantity, telemetry)).freedom)
+        .map(|temperature| weighted.error(&weighted.model.gradient(axis, quantity, temperature)).freedom)
         .fold(f64::INFINITY, f64::min)
 }
 
-/// The slope that a constant lacks, of one group whose telemetry moved: its size and its own interval.
+/// The slope that a constant lacks, of one group whose temperature moved: its size and its own interval.
 fn slope_error(
     weighted: &WeightedFit<'_>,
     groups: &Groups,
@@ -88,7 +88,7 @@ fn slope_error(
     Some(SlopeError { per_unit: half * unit, about })
 }
 
-/// The telemetry's range of head and board of each axis for the table, and as measured.
+/// The temperature's range of head and board of each axis for the table, and as measured.
 pub(super) fn table_ranges(
     campaign: &Campaign,
     readings: &[Reading],
@@ -102,7 +102,7 @@ pub(super) fn table_ranges(
     let constant = measured.iter().flatten().any(|[low, high]| low == high);
     match options.temperature_range.or(campaign.temperature_range) {
         None if constant => Err(TumbleError::Refused(
-            "the telemetry is constant, so the recordings do not say where the table is valid; state it: --temperature-range LOW,HIGH, or \
+            "the temperature is constant, so the recordings do not say where the table is valid; state it: --temperature-range LOW,HIGH, or \
              temperature_range = [LOW, HIGH] in the campaign file".to_owned(),
         )),
         Some(_) if unknowns.order > 0 => Err(TumbleError::Options(
@@ -111,7 +111,7 @@ pub(super) fn table_ranges(
         Some([low, high]) => {
             if let Some([from, to]) = measured.iter().flatten().find(|[from, to]| *from < low || *to > high) {
                 return Err(TumbleError::Options(format!(
-                    "--temperature-range {low},{high}: the telemetry of the standstills is {from} to {to}; give a range that holds it"
+                    "--temperature-range {low},{high}: the temperature of the static poses is {from} to {to}; give a range that holds it"
                 )));
             }
             Ok(([[[low, high]; AXES]; 2], measured))

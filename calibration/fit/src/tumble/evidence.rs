@@ -1,4 +1,4 @@
-//! What the residuals say against the model: groups that differ, a bias that walks, an element behind its telemetry,
+//! What the residuals say against the model: groups that differ, a bias that walks, an element behind its temperature,
 //! and residuals that no noise explains.
 //!
 //! Each is judged in M, the space that the unknowns and the offsets of every group leave, with w = M'f:
@@ -44,13 +44,13 @@ pub struct Evidence {
     pub walk: f64,
     /// Of a lag as long.
     pub lag: f64,
-    /// The element's time behind the telemetry \[s\].
+    /// The element's time behind the temperature \[s\].
     pub lag_s: f64,
     /// Residual within the groups, over the degrees of freedom that are left \[g0\].
     pub within: f64,
     /// The same over the noise of the static poses.
     pub noises: f64,
-    /// Largest share in the variance of a bias of what an element up to 60 s behind its telemetry makes.
+    /// Largest share in the variance of a bias of what an element up to 60 s behind its temperature makes.
     pub lag_share: f64,
     /// Scatter of the groups' biases \[g0\].
     pub group_bias: f64,
@@ -58,7 +58,7 @@ pub struct Evidence {
     pub group_gain: f64,
     /// Walk of the bias over a group \[g0\].
     pub walk_bias: f64,
-    /// Most that telemetry moves in a group.
+    /// Most that temperature moves in a group.
     pub moved: f64,
 }
 
@@ -77,7 +77,7 @@ impl Evidence {
         let groups_p =
             if q > 0 && m > 1 { f_tail((between / q as f64) / (squares / m as f64), q as f64, m as f64) } else { 1.0 };
         let (lag, lag_s) = lag(&within, shapes);
-        let telemetry: Vec<f64> = model.readings().iter().map(Reading::telemetry).collect();
+        let temperature: Vec<f64> = model.readings().iter().map(Reading::temperature).collect();
         let root_mean = if m > 0 { (squares / m as f64).sqrt() } else { f64::NAN };
         let variances = &weighted.variances.values;
         Self {
@@ -91,7 +91,7 @@ impl Evidence {
             group_bias: variances[BIAS].sqrt(),
             group_gain: variances[GAIN].sqrt(),
             walk_bias: variances[WALK].sqrt(),
-            moved: groups.moved(&telemetry),
+            moved: groups.moved(&temperature),
         }
     }
 
@@ -120,19 +120,19 @@ impl Evidence {
         if self.lag < SIGNIFICANCE {
             let (size, side) = (self.lag_s.abs(), if self.lag_s < 0.0 { "ahead of" } else { "behind" });
             let message = format!(
-                "the accelerometers are {size:.0} s {side} their telemetry (p {:.1e}), which moved by up to {:.2} in a tumble: wait until it \
+                "the accelerometers are {size:.0} s {side} their temperature (p {:.1e}), which moved by up to {:.2} in a tumble: wait until it \
                  stands still",
                 self.lag, self.moved
             );
-            found.push(Finding::warning(name::BEHIND_TELEMETRY, message));
+            found.push(Finding::warning(name::BEHIND_TEMPERATURE, message));
         }
         if self.lag_share > MOSTLY_LAG {
             let message = format!(
-                "telemetry moved by up to {:.2} in a tumble: most of the stated error is what an element up to {LAG_S} s behind it makes; wait \
+                "temperature moved by up to {:.2} in a tumble: most of the stated error is what an element up to {LAG_S} s behind it makes; wait \
                  until it stands still",
                 self.moved
             );
-            found.push(Finding::warning(name::TELEMETRY_MOVES, message));
+            found.push(Finding::warning(name::TEMPERATURE_MOVES, message));
         }
         found
     }
@@ -141,14 +141,14 @@ impl Evidence {
     fn misfit(&self, dilution: f64, left: f64) -> Option<Finding> {
         if left > WRONG_G0 {
             let message = format!(
-                "the table leaves residuals of {:.1}e-3 g0 rms, over {:.0}e-3: it does not explain the standstills",
+                "the table leaves residuals of {:.1}e-3 g0 rms, over {:.0}e-3: it does not explain the static poses",
                 left * 1e3,
                 WRONG_G0 * 1e3
             );
             return Some(Finding::fault(name::LACK_OF_FIT, message));
         }
         let shown = format!(
-            "within the files and temperatures the residuals are {:.0}e-6 g0, {:.0} times the noise of the standstills",
+            "within the files and temperatures the residuals are {:.0}e-6 g0, {:.0} times the noise of the static poses",
             self.within * 1e6,
             self.noises
         );
@@ -160,16 +160,16 @@ impl Evidence {
         (self.noises > MISFIT).then(|| Finding::warning(name::LACK_OF_FIT, message))
     }
 
-    /// Groups whose biases and gains differ. What differs as an element behind its telemetry does is said there.
+    /// Groups whose biases and gains differ. What differs as an element behind its temperature does is said there.
     fn groups_differ(&self, groups: &Groups, order: usize) -> Option<Finding> {
         let unseen = self.group_bias < UNSEEN && self.group_gain < UNSEEN;
         if groups.count < 2 || self.groups >= SIGNIFICANCE || (unseen && self.lag_share > MOSTLY_LAG) {
             return None;
         }
-        let what = if groups.count == 2 { "the two groups of standstills" } else { "the groups of standstills" };
+        let what = if groups.count == 2 { "the two groups of static poses" } else { "the groups of static poses" };
         let message = format!(
             "{what}, by file, power-up and temperature, differ by {:.0}e-6 g0 in their biases and {:.0} ppm in their scale factors beyond \
-             what temperature explains (p {:.1e}): power-ups that differ, another unit in one, an order that is too low, or telemetry that \
+             what temperature explains (p {:.1e}): power-ups that differ, another unit in one, an order that is too low, or temperature that \
              is not the element's",
             self.group_bias * 1e6,
             self.group_gain * 1e6,
@@ -229,13 +229,13 @@ fn lag(within: &Remainder, shapes: &Shapes) -> (f64, f64) {
     (f_tail(explained / rest, 1.0, m - 1.0), seconds)
 }
 
-/// The largest share of lags in the variance of a bias, at lowest, mean and highest telemetry.
+/// The largest share of lags in the variance of a bias, at lowest, mean and highest temperature.
 fn lag_share(weighted: &WeightedFit<'_>) -> f64 {
     let readings = weighted.model.readings();
     let of = |axis: usize| {
         let [low, high] = joint_range(readings.iter().map(|reading| [reading.head[axis]; 2]));
         let mean = readings.iter().map(|reading| reading.head[axis]).sum::<f64>() / readings.len() as f64;
-        [low, mean, high].map(|telemetry| weighted.error(&weighted.model.gradient(axis, 0, telemetry)).lag_share)
+        [low, mean, high].map(|temperature| weighted.error(&weighted.model.gradient(axis, 0, temperature)).lag_share)
     };
     largest((0..AXES).flat_map(of))
 }

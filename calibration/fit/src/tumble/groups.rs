@@ -1,6 +1,6 @@
 //! Groups of static poses: what a file, a power-up or a temperature shares is no scatter of its static poses.
 //!
-//! A group ends with a file, a session, a gap of over 600 s, or where telemetry jumps by a tenth of its range and ten
+//! A group ends with a file, a session, a gap of over 600 s, or where temperature jumps by a tenth of its range and ten
 //! of its usual steps.
 
 use super::reading::Reading;
@@ -9,9 +9,9 @@ use isotherm_statistics::{mean, median};
 
 /// Time between the starts of two static poses that ends a group \[s\].
 const GAP_S: f64 = 600.0;
-/// Share of the telemetry's range that a step of a new group has, and that two temperatures differ by.
+/// Share of the temperature's range that a step of a new group has, and that two temperatures differ by.
 const LEVEL: f64 = 0.1;
-/// Usual steps of the telemetry that a step of a new group has.
+/// Usual steps of the temperature that a step of a new group has.
 pub(super) const STEPS: f64 = 10.0;
 
 /// Relative rounding of a mean of many rows.
@@ -24,10 +24,10 @@ pub struct Groups {
     pub of: Vec<usize>,
     /// Their number.
     pub count: usize,
-    /// Number of temperatures: groups whose means are further apart than a tenth of their range, and than telemetry
+    /// Number of temperatures: groups whose means are further apart than a tenth of their range, and than temperature
     /// moves in a group. One group is one.
     pub levels: usize,
-    /// Noise of a row of the telemetry, at least that of its digits.
+    /// Noise of a row of the temperature, at least that of its digits.
     pub row_noise: f64,
 }
 
@@ -35,11 +35,11 @@ impl Groups {
     /// The groups of `readings`, which are in the order of the recordings and of time.
     #[must_use]
     pub fn of(readings: &[Reading]) -> Self {
-        let telemetry: Vec<f64> = readings.iter().map(Reading::telemetry).collect();
-        let row_noise = median(readings.iter().map(|reading| reading.telemetry_noise)).max(resolution(&telemetry));
-        let steps: Vec<f64> = telemetry.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+        let temperature: Vec<f64> = readings.iter().map(Reading::temperature).collect();
+        let row_noise = median(readings.iter().map(|reading| reading.temperature_noise)).max(resolution(&temperature));
+        let steps: Vec<f64> = temperature.windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
         let usual = if steps.is_empty() { row_noise } else { median(steps.iter().copied()).max(row_noise) };
-        let [low, high] = joint_range(telemetry.iter().map(|telemetry| [*telemetry; 2]));
+        let [low, high] = joint_range(temperature.iter().map(|temperature| [*temperature; 2]));
         let jump = (LEVEL * (high - low)).max(STEPS * usual);
         let starts = |(pair, step): (&[Reading], &f64)| {
             let [before, after] = [&pair[0], &pair[1]];
@@ -54,7 +54,7 @@ impl Groups {
         }
         let count = if readings.is_empty() { 0 } else { group + 1 };
         let mut groups = Self { of, count, levels: count, row_noise };
-        groups.levels = groups.temperatures(&telemetry);
+        groups.levels = groups.temperatures(&temperature);
         groups
     }
 
@@ -75,13 +75,13 @@ impl Groups {
         self.all().into_iter().map(|members| members.into_iter().map(|index| values[index]).collect()).collect()
     }
 
-    fn temperatures(&self, telemetry: &[f64]) -> usize {
-        let groups = self.split(telemetry);
+    fn temperatures(&self, temperature: &[f64]) -> usize {
+        let groups = self.split(temperature);
         let moved = groups.iter().map(|values| spread(values));
         let mut means: Vec<f64> = groups.iter().map(|values| mean(values)).collect();
         means.sort_by(f64::total_cmp);
         let Some(first) = means.first() else { return 0 };
-        let width = (LEVEL * spread(&means)).max(median(moved)).max(resolution(telemetry));
+        let width = (LEVEL * spread(&means)).max(median(moved)).max(resolution(temperature));
         let (mut levels, mut at) = (1, *first);
         for mean in means {
             if mean - at > width {

@@ -23,7 +23,7 @@ pub(super) struct StatedError {
     pub variance: f64,
     /// Degrees of freedom of the variance, at least 1.
     pub freedom: f64,
-    /// Share of what an element behind its telemetry makes.
+    /// Share of what an element behind its temperature makes.
     pub lag_share: f64,
 }
 

@@ -79,7 +79,7 @@ pub struct GravityModel<'a> {
     gravity: f64,
     /// The scale factor that the unknowns of each axis are relative to \[pulse/(s*g0)\].
     scale_factor: [f64; AXES],
-    /// Centre and scale of head and board telemetry.
+    /// Centre and scale of head and board temperature.
     basis: [[[f64; 2]; AXES]; 2],
     /// What the group of each static pose shares beside the unknowns.
     offsets: Vec<Offsets>,
@@ -146,9 +146,9 @@ impl<'a> GravityModel<'a> {
             let mean = readings.iter().map(length).sum::<f64>() / readings.len().max(1) as f64;
             ([0.0; AXES], [mean.max(f64::MIN_POSITIVE) / gravity; AXES])
         });
-        let of = |telemetry: fn(&Reading) -> [f64; AXES]| {
+        let of = |temperature: fn(&Reading) -> [f64; AXES]| {
             [0, 1, 2].map(|axis| {
-                let [low, high] = joint_range(readings.iter().map(|reading| [telemetry(reading)[axis]; 2]));
+                let [low, high] = joint_range(readings.iter().map(|reading| [temperature(reading)[axis]; 2]));
                 [(low + high) / 2.0, if high > low { (high - low) / 2.0 } else { 1.0 }]
             })
         };
@@ -165,10 +165,10 @@ impl<'a> GravityModel<'a> {
         (Self { readings, unknowns, gravity, scale_factor, basis, offsets }, start)
     }
 
-    /// The value of a curve: A \[g0\], K+ or K- \[relative\], and the powers of the telemetry.
-    fn value(&self, unknown: &DVector<f64>, axis: usize, quantity: usize, telemetry: f64) -> (f64, Vec<f64>) {
+    /// The value of a curve: A \[g0\], K+ or K- \[relative\], and the powers of the temperature.
+    fn value(&self, unknown: &DVector<f64>, axis: usize, quantity: usize, temperature: f64) -> (f64, Vec<f64>) {
         let [center, scale] = self.basis[usize::from(quantity > 0)][axis];
-        let x = (telemetry - center) / scale;
+        let x = (temperature - center) / scale;
         let powers: Vec<f64> = (0..=self.unknowns.order).map(|k| x.powi(k as i32)).collect();
         let (offset, sign) = match quantity {
             2 if !self.unknowns.split => (self.unknowns.offset(axis, 1), -1.0),
@@ -178,7 +178,7 @@ impl<'a> GravityModel<'a> {
         (sign * value, powers)
     }
 
-    /// What rates and telemetry show, with the derivatives by the unknowns.
+    /// What rates and temperature show, with the derivatives by the unknowns.
     fn indicated(
         &self,
         unknown: &DVector<f64>,
@@ -233,9 +233,9 @@ impl<'a> GravityModel<'a> {
         self.indicated(unknown, &reading.rates, [&reading.head, &reading.board], &Offsets::default()).force
     }
 
-    /// The derivative of each residual by the telemetry, that of head and board moving alike \[g0 per unit\].
+    /// The derivative of each residual by the temperature, that of head and board moving alike \[g0 per unit\].
     #[must_use]
-    pub fn by_telemetry(&self, fit: &GravityFit) -> DVector<f64> {
+    pub fn by_temperature(&self, fit: &GravityFit) -> DVector<f64> {
         let curves = [0, 1, 2]
             .map(|axis| [0, 1, 2].map(|quantity| self.curve(&fit.unknown, None, [axis, quantity], 0.0, [0.0, 1.0])));
         let of = |i: usize, reading: &Reading, axis: usize| {
@@ -261,11 +261,11 @@ impl<'a> GravityModel<'a> {
         })
     }
 
-    /// The derivatives of a curve's value at `telemetry` by the unknowns: of a bias \[g0\], or of a scale factor
+    /// The derivatives of a curve's value at `temperature` by the unknowns: of a bias \[g0\], or of a scale factor
     /// relative to the start's.
     #[must_use]
-    pub fn gradient(&self, axis: usize, quantity: usize, telemetry: f64) -> DVector<f64> {
-        let (_, powers) = self.value(&DVector::zeros(self.unknowns.count()), axis, quantity, telemetry);
+    pub fn gradient(&self, axis: usize, quantity: usize, temperature: f64) -> DVector<f64> {
+        let (_, powers) = self.value(&DVector::zeros(self.unknowns.count()), axis, quantity, temperature);
         let from = if quantity == 2 && !self.unknowns.split { 1 } else { quantity };
         let mut gradient = DVector::zeros(self.unknowns.count());
         for (k, power) in powers.into_iter().enumerate() {
@@ -302,7 +302,7 @@ impl<'a> GravityModel<'a> {
     }
 
     /// Derivatives by the unknowns of the specific force that is indicated where it is `force`, `part` of the way
-    /// through the telemetry's range, 0 to 1.
+    /// through the temperature's range, 0 to 1.
     #[must_use]
     pub fn derivatives_at(&self, unknown: &DVector<f64>, force: &Vector3<f64>, part: f64) -> DMatrix<f64> {
         let [head, board] =
@@ -317,7 +317,7 @@ impl<'a> GravityModel<'a> {
         self.indicated(unknown, &rates, [&head, &board], &Offsets::default()).by
     }
 
-    /// K+ of an axis at the middle of the telemetry's range \[pulse/(s*g0)\].
+    /// K+ of an axis at the middle of the temperature's range \[pulse/(s*g0)\].
     #[must_use]
     pub fn scale_factor(&self, unknown: &DVector<f64>, axis: usize) -> f64 {
         unknown[self.unknowns.offset(axis, 1)] * self.scale_factor[axis]
@@ -416,7 +416,7 @@ fn damped(now: &GravityFit, damping: f64) -> Option<LeastSquares> {
     least_squares(&jacobian, &residual)
 }
 
-/// The ellipsoid along the axes through all net rates, at whatever telemetry.
+/// The ellipsoid along the axes through all net rates, at whatever temperature.
 pub(super) struct Ellipsoid {
     /// Its centre \[g0\].
     pub bias: [f64; AXES],

@@ -34,7 +34,7 @@ pub struct TumbleOptions {
     pub misalignment: bool,
     /// Numbers of static poses to leave out, from 1.
     pub exclude: Vec<usize>,
-    /// Where a table of order 0 is valid, in the telemetry's unit; the measured range if `None`.
+    /// Where a table of order 0 is valid, in the temperature's unit; the measured range if `None`.
     pub temperature_range: Option<[f64; 2]>,
     /// Names of faults that are only warnings; see [`name`](isotherm_support::finding::name).
     pub accept: Vec<&'static str>,

@@ -3,7 +3,7 @@
 use super::error::TumbleError;
 use super::reading::Reading;
 use super::recording::TumbleRecording;
-use super::telemetry::telemetry_steps;
+use super::temperature::temperature_steps;
 use isotherm_campaign::{StaticPoses, begins_ns, faults, find_static_poses};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_support::finding::Finding;
@@ -29,7 +29,7 @@ impl PoseSearch {
         for (index, recording) in recordings.iter().enumerate() {
             let TumbleRecording { name, rows, .. } = recording;
             let begins_ns = begins_ns(rows);
-            let steps = telemetry_steps(rows);
+            let steps = temperature_steps(rows);
             let poses = find_static_poses(rows, window_s)
                 .and_then(StaticPoses::without_turned)
                 .map_err(|error| TumbleError::StaticPose { name: name.clone(), error })?;

@@ -1,6 +1,6 @@
 //! What the IMU indicated over one static pose.
 
-use super::telemetry::{CleanTelemetry, Telemetry, noise as telemetry_noise, of_row};
+use super::temperature::{CleanTemperature, Temperature, noise as temperature_noise, of_row};
 use isotherm_campaign::StaticPoses;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
@@ -26,22 +26,22 @@ pub struct Reading {
     pub seconds: f64,
     /// Rate of the positive and of the negative channel of each accelerometer \[pulse/s\].
     pub rates: [[f64; 2]; AXES],
-    /// Mean head telemetry of each accelerometer.
+    /// Mean head temperature of each accelerometer.
     pub head: [f64; AXES],
-    /// Mean board telemetry of each accelerometer.
+    /// Mean board temperature of each accelerometer.
     pub board: [f64; AXES],
-    /// Lowest and highest head telemetry of each accelerometer.
+    /// Lowest and highest head temperature of each accelerometer.
     pub head_range: [[f64; 2]; AXES],
-    /// Lowest and highest board telemetry of each accelerometer.
+    /// Lowest and highest board temperature of each accelerometer.
     pub board_range: [[f64; 2]; AXES],
-    /// Most rows of a sensor's telemetry that are glitches.
-    pub telemetry_glitches: usize,
-    /// Medians of head and board telemetry of each accelerometer.
-    pub telemetry_medians: [[f64; AXES]; 2],
-    /// Noise of a row of the head telemetry, mean over the accelerometers.
-    pub telemetry_noise: f64,
-    /// Largest step of the head telemetry.
-    pub telemetry_step: f64,
+    /// Most rows of a sensor's temperature that are glitches.
+    pub temperature_glitches: usize,
+    /// Medians of head and board temperature of each accelerometer.
+    pub temperature_medians: [[f64; AXES]; 2],
+    /// Noise of a row of the head temperature, mean over the accelerometers.
+    pub temperature_noise: f64,
+    /// Largest step of the head temperature.
+    pub temperature_step: f64,
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
     /// Rounding error of the net rates \[pulse/s\]: that of a step of the counts if at least 90 % of the rows have one
@@ -63,7 +63,7 @@ impl Reading {
         range: Range<usize>,
         start_s: f64,
         poses: &StaticPoses,
-        steps: &Telemetry,
+        steps: &Temperature,
         with_gyroscopes: bool,
     ) -> Self {
         let rows: Vec<RawSample> = poses.rows(all, range.clone()).copied().collect();
@@ -78,10 +78,10 @@ impl Reading {
         let net = |rows: &[RawSample]| {
             [0, 1, 2].map(|axis| (channel(rows, plus, axis) - channel(rows, minus, axis)) / self::seconds(rows))
         };
-        let telemetry =
+        let temperature =
             |sensor: usize, axis: usize| rows.iter().map(|row| of_row(row)[sensor][axis]).collect::<Vec<_>>();
         let cleaned = [0, 1]
-            .map(|sensor| [0, 1, 2].map(|axis| CleanTelemetry::of(&telemetry(sensor, axis), steps[sensor][axis])));
+            .map(|sensor| [0, 1, 2].map(|axis| CleanTemperature::of(&temperature(sensor, axis), steps[sensor][axis])));
         let [head, board] = &cleaned;
         let gyroscope = |axis: usize| {
             let of = |row: &RawSample| {
@@ -101,11 +101,13 @@ impl Reading {
             board: board.each_ref().map(|cleaned| cleaned.mean),
             head_range: head.each_ref().map(|cleaned| cleaned.range),
             board_range: board.each_ref().map(|cleaned| cleaned.range),
-            telemetry_glitches: cleaned.iter().flatten().map(|cleaned| cleaned.glitches).max().unwrap_or_default(),
-            telemetry_medians: cleaned.each_ref().map(|sensor| sensor.each_ref().map(|cleaned| cleaned.median)),
-            telemetry_noise: (0..AXES).map(|axis| telemetry_noise(&telemetry(0, axis), steps[0][axis])).sum::<f64>()
+            temperature_glitches: cleaned.iter().flatten().map(|cleaned| cleaned.glitches).max().unwrap_or_default(),
+            temperature_medians: cleaned.each_ref().map(|sensor| sensor.each_ref().map(|cleaned| cleaned.median)),
+            temperature_noise: (0..AXES)
+                .map(|axis| temperature_noise(&temperature(0, axis), steps[0][axis]))
+                .sum::<f64>()
                 / AXES as f64,
-            telemetry_step: steps[0].iter().copied().fold(0.0, f64::max),
+            temperature_step: steps[0].iter().copied().fold(0.0, f64::max),
             // The noise of a rate over n rows is that of a row over n^(1/2).
             noise: poses.noise.map(|counts| counts * count.sqrt() / seconds),
             rounding: [0, 1, 2].map(|axis| rounding(rows, axis) * poses.steps[axis] * count / seconds),
@@ -114,9 +116,9 @@ impl Reading {
         }
     }
 
-    /// Mean head telemetry of the three accelerometers.
+    /// Mean head temperature of the three accelerometers.
     #[must_use]
-    pub fn telemetry(&self) -> f64 {
+    pub fn temperature(&self) -> f64 {
         self.head.iter().sum::<f64>() / AXES as f64
     }
 

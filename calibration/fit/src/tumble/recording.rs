@@ -1,4 +1,4 @@
-//! A recording of an IMU that is put down by hand.
+//! A recording of a tumble.
 
 use isotherm_campaign::implausible;
 use isotherm_recording::{CampaignRow, Continuity, RecordingError};

@@ -45,7 +45,7 @@ pub struct TumbleCalibration {
     pub freedom: usize,
     /// What the attitudes allow.
     pub dilution: Dilution,
-    /// A \[g0\] against head telemetry, K+ and K- \[pulse/(s*g0)\] against board telemetry.
+    /// A \[g0\] against head temperature, K+ and K- \[pulse/(s*g0)\] against board temperature.
     pub curves: [[Curve; 3]; AXES],
     /// M: x = M s, with 1 on the diagonal and 0 below.
     pub misalignment: Matrix3<f64>,
@@ -70,7 +70,7 @@ impl TumbleCalibration {
         rms(&self.residuals)
     }
 
-    /// The telemetry at which a curve's value is shown: the mean of one group, the middle of what was measured of more.
+    /// The temperature at which a curve's value is shown: the mean of one group, the middle of what was measured of more.
     #[must_use]
     pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
         let [low, high] = self.curves[axis][quantity].measured();

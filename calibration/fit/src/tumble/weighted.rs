@@ -163,7 +163,7 @@ impl<'a> WeightedFit<'a> {
         self.shapes.known.tr_mul(weights).norm_squared()
     }
 
-    /// The slope over telemetry of an axis' bias \[g0 per unit\] or, of quantity 1 and 2, of its gain, as a random
+    /// The slope over temperature of an axis' bias \[g0 per unit\] or, of quantity 1 and 2, of its gain, as a random
     /// quantity of its variance; `None` where the covariance has none.
     pub(super) fn slope(&self, axis: usize, quantity: usize) -> Option<(f64, StatedError)> {
         let kind = if quantity == 0 { BIAS_SLOPE } else { GAIN_SLOPE };

@@ -22,14 +22,14 @@ pub(super) fn cubic(autopilot: Autopilot, bias: &Series, raw: &impl Fn(&BinValue
     series.fit(&series.whole(), HIGHEST_ORDER, weight)
 }
 
-/// What parameters on board subtract from a bias at a telemetry, by the firmware's formula \[g0 or deg/h\]; `None` if
+/// What parameters on board subtract from a bias at a temperature, by the firmware's formula \[g0 or deg/h\]; `None` if
 /// they are of accelerometers alone and this is a gyroscope. `gravity` is the value of 1 g0 \[m/s2\].
 pub(super) fn of_parameters(on_board: &OnBoard, bias: &Series, gravity: f64) -> Option<impl Fn(f64) -> f64> {
     let (kind, axis, parameters) = (bias.kind, bias.axis, on_board.parameters);
     parameters.offset(kind, 0.0)?;
     let (unit, _) = TriadUnits::of(kind).si(1.0, gravity);
-    Some(move |telemetry: f64| {
-        let offset = parameters.offset(kind, telemetry as f32);
+    Some(move |temperature: f64| {
+        let offset = parameters.offset(kind, temperature as f32);
         offset.map_or(f64::NAN, |offset| f64::from(offset[axis]) / unit)
     })
 }

@@ -15,19 +15,19 @@ use isotherm_support::finding::{Finding, Severity, name};
 const COVERED: f64 = 0.5;
 /// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
 const LENGTH: f64 = 0.2;
-/// The telemetry moves by this at least \[degC\].
+/// The temperature moves by this at least \[degC\].
 const LEAST_SPAN: f64 = 2.0;
-/// Telemetry of an IMU that works \[degC\].
+/// Temperature of an IMU that works \[degC\].
 const CELSIUS: [f64; 2] = [-80.0, 150.0];
-/// Telemetry over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
+/// Temperature over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
 const MILLI: f64 = 1000.0;
-/// What is said of telemetry that is far below and above all temperatures.
+/// What is said of temperature that is far below and above all temperatures.
 const COUNTS: &str = "it looks like counts of the thermometer: give temperature.scale and temperature.offset in a \
                       mapping (--mapping), with which degC = scale * number + offset; an MPU-6050 has 0.00294117647 and \
                       36.53, thousandths of a degree 0.001 and 0";
 /// Counts of thermometers have 16 bits.
 const MOST_COUNTS: f64 = 32_768.0;
-/// The telemetry has settled where it moves by under this part of its largest rate ..
+/// The temperature has settled where it moves by under this part of its largest rate ..
 const SETTLED: f64 = 0.1;
 /// .. for this part of a recording.
 const SETTLED_PART: f64 = 0.02;
@@ -69,7 +69,7 @@ pub(super) fn after(found: &Transients) -> Vec<Finding> {
     unknown.into_iter().collect()
 }
 
-/// What is said last: telemetry that never settles, and what was found in the files.
+/// What is said last: temperature that never settles, and what was found in the files.
 pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
     let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
@@ -109,17 +109,17 @@ fn covered(recording: &RampRecording) -> Option<Finding> {
     })
 }
 
-/// Telemetry that does not move far enough for a curve.
+/// Temperature that does not move far enough for a curve.
 fn still(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
     let unit = &nominal.content().temperature_unit;
     let [low, high] = recording.extremes(0)[0]?;
     (zero_of(unit).is_some() && high - low < LEAST_SPAN).then(|| {
         let message = format!(
-            "{}: the telemetry moves by {:.2} {unit}; a curve over temperature needs {LEAST_SPAN} at least: warm up, or cool",
+            "{}: the temperature moves by {:.2} {unit}; a curve over temperature needs {LEAST_SPAN} at least: warm up, or cool",
             recording.name(),
             high - low
         );
-        Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message)
+        Finding::whole(Severity::Fault, name::TEMPERATURE_CONSTANT, message)
     })
 }
 
@@ -141,7 +141,7 @@ fn dead(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
     })
 }
 
-/// Telemetry that is no degree Celsius.
+/// Temperature that is no degree Celsius.
 fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
     if zero_of(&nominal.content().temperature_unit) != Some(0.0) {
         return None;
@@ -161,8 +161,8 @@ fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Find
         }
         () => return None,
     };
-    let message = format!("{}: the telemetry is {low:.1} to {high:.1} degC; {cause}", recording.name());
-    Some(Finding::fault(name::TELEMETRY_OFFSET, message))
+    let message = format!("{}: the temperature is {low:.1} to {high:.1} degC; {cause}", recording.name());
+    Some(Finding::fault(name::TEMPERATURE_OFFSET, message))
 }
 
 /// A length of the specific force that is not gravity.
@@ -200,16 +200,16 @@ fn rate(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding
     Some(Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding })
 }
 
-/// Telemetry that never settles: the sensing elements are behind it by their lag all the time.
+/// Temperature that never settles: the sensing elements are behind it by their lag all the time.
 fn settled(recording: &RampRecording, unit: &str) -> Option<Finding> {
-    let rates = recording.rates_of_telemetry(RATE_PART);
+    let rates = recording.rates_of_temperature(RATE_PART);
     let largest = rates.iter().copied().fold(0.0, f64::max);
     let settled = rates.iter().filter(|rate| **rate < SETTLED * largest).count();
     let part = settled as f64 / rates.len().max(1) as f64;
     let rate = largest * 60.0;
     (part < SETTLED_PART && !rates.is_empty()).then(|| {
         let message = format!(
-            "{}: the telemetry moves by up to {rate:.1} {unit} a minute and never settles: a sensing element that is 60 s behind \
+            "{}: the temperature moves by up to {rate:.1} {unit} a minute and never settles: a sensing element that is 60 s behind \
              it is up to {rate:.1} {unit} off everywhere; warm up more slowly, or wait at the end",
             recording.name()
         );

@@ -13,7 +13,7 @@ use isotherm_statistics::{least_squares, median};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
-/// Bins of the telemetry's range.
+/// Bins of the temperature's range.
 const NARROW: f64 = 200.0;
 
 /// Narrow bins of a wide one.
@@ -36,7 +36,7 @@ const SCATTER_ORDER: usize = 3;
 /// How much temperatures weigh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Weight {
-    /// Bins of this width of telemetry weigh alike.
+    /// Bins of this width of temperature weigh alike.
     Alike(f64),
     /// Each by its rows.
     Rows,
@@ -74,7 +74,7 @@ pub(super) struct Part {
 pub(super) struct Series {
     pub kind: SensorKind,
     pub axis: usize,
-    /// Least and largest telemetry of the rows.
+    /// Least and largest temperature of the rows.
     pub range: [f64; 2],
     /// The bins of each recording; the values without the transient that is written.
     pub recordings: Vec<Vec<BinValue>>,
@@ -84,7 +84,7 @@ pub(super) struct Series {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Mean {
     pub recording: usize,
-    pub telemetry: f64,
+    pub temperature: f64,
     pub value: f64,
     pub age_s: f64,
     pub count: f64,
@@ -123,16 +123,16 @@ impl Series {
         (high - low) / NARROW
     }
 
-    /// Means by recording and bin of the telemetry, with the number of its bin. Bins are `width` wide, and begin at
+    /// Means by recording and bin of the temperature, with the number of its bin. Bins are `width` wide, and begin at
     /// whole widths.
     pub(super) fn means(&self, parts: &[Part], width: f64) -> Vec<(i64, Mean)> {
         let mut all: BTreeMap<(i64, usize), Mean> = BTreeMap::new();
         for part in parts {
             for bin in self.bins(part) {
-                let index = (bin.telemetry / width).floor() as i64;
+                let index = (bin.temperature / width).floor() as i64;
                 let mean = all.entry((index, part.recording)).or_default();
                 mean.recording = part.recording;
-                mean.telemetry += bin.telemetry;
+                mean.temperature += bin.temperature;
                 mean.value += bin.value;
                 mean.age_s += bin.age_s;
                 mean.count += 1.0;
@@ -140,7 +140,7 @@ impl Series {
         }
         let finish = |((index, _), sum): ((i64, usize), Mean)| {
             let mean = |total: f64| total / sum.count;
-            let of = Mean { telemetry: mean(sum.telemetry), value: mean(sum.value), age_s: mean(sum.age_s), ..sum };
+            let of = Mean { temperature: mean(sum.temperature), value: mean(sum.value), age_s: mean(sum.age_s), ..sum };
             (index, of)
         };
         all.into_iter().map(finish).collect()
@@ -171,7 +171,7 @@ impl Series {
         let jacobian = DMatrix::from_fn(means.len(), order + there.len(), |i, j| {
             let (_, mean) = &means[i];
             let value = match j.checked_sub(order) {
-                None => place(self.range, mean.telemetry).powi(j as i32 + 1),
+                None => place(self.range, mean.temperature).powi(j as i32 + 1),
                 Some(constant) => f64::from(u8::from(constant == column(mean.recording))),
             };
             value * weight(&means[i])
@@ -239,8 +239,8 @@ impl Shape {
     }
 
     /// The curve without its constant.
-    pub(super) fn at(&self, telemetry: f64) -> f64 {
-        let x = place(self.range, telemetry);
+    pub(super) fn at(&self, temperature: f64) -> f64 {
+        let x = place(self.range, temperature);
         self.powers.iter().rev().fold(0.0, |sum, power| (sum + power) * x)
     }
 
@@ -252,7 +252,7 @@ impl Shape {
             let Some(constant) = self.constants[mean.recording] else { continue };
             let weight = scatter.variance(mean.count).recip();
             let (sum, weights) = wide.entry((index.div_euclid(WIDE), mean.recording)).or_default();
-            *sum += weight * (mean.value - constant - self.at(mean.telemetry));
+            *sum += weight * (mean.value - constant - self.at(mean.temperature));
             *weights += weight;
         }
         let left: f64 = wide.values().map(|(sum, weights)| sum * sum / weights).sum();
@@ -266,9 +266,9 @@ impl Shape {
         self.powers[last].abs() / (self.covariance[(last, last)] * together).sqrt()
     }
 
-    /// Standard error of the curve at a telemetry; of its difference from that at `at`, if that is given.
-    pub(super) fn standard_error(&self, telemetry: f64, at: Option<f64>, together: f64) -> f64 {
-        let (x, from) = (place(self.range, telemetry), at.map(|at| place(self.range, at)));
+    /// Standard error of the curve at a temperature; of its difference from that at `at`, if that is given.
+    pub(super) fn standard_error(&self, temperature: f64, at: Option<f64>, together: f64) -> f64 {
+        let (x, from) = (place(self.range, temperature), at.map(|at| place(self.range, at)));
         let (order, constants) = (self.powers.len(), self.covariance.nrows() - self.powers.len());
         let column = |j: usize| match (j < order, from) {
             (true, None) => x.powi(j as i32 + 1),
@@ -280,7 +280,7 @@ impl Shape {
         (columns.dot(&(&self.covariance * &columns)) * together).sqrt()
     }
 
-    /// The curve that is `value` at the telemetry `at`; `None` if it is no polynomial of a table.
+    /// The curve that is `value` at the temperature `at`; `None` if it is no polynomial of a table.
     pub(super) fn polynomial(&self, at: f64, value: f64) -> Option<Polynomial> {
         let [low, high] = self.range;
         let coefficients: Vec<f64> = core::iter::once(value - self.at(at)).chain(self.powers.iter().copied()).collect();
@@ -289,8 +289,8 @@ impl Shape {
 }
 
 /// The place in the range, -1 to 1.
-fn place([low, high]: [f64; 2], telemetry: f64) -> f64 {
-    (2.0 * telemetry - low - high) / (high - low)
+fn place([low, high]: [f64; 2], temperature: f64) -> f64 {
+    (2.0 * temperature - low - high) / (high - low)
 }
 
 /// Standard deviation about the mean, and largest distance from it; 0 of none.

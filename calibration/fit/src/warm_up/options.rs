@@ -21,12 +21,12 @@ pub struct WarmUpOptions {
     pub highest_order: Option<usize>,
     /// How the time constant of the lag is found.
     pub lag: LagChoice,
-    /// Reference temperature, in the telemetry's unit: accelerometers keep the bias of the nominal table there. Mid
+    /// Reference temperature, in the temperature's unit: accelerometers keep the bias of the nominal table there. Mid
     /// range if `None`.
     pub at: Option<f64>,
     /// Curves of autopilots to show beside.
     pub beside: Vec<Autopilot>,
-    /// Parameters to show beside. The telemetry must be in degC then.
+    /// Parameters to show beside. The temperature must be in degC then.
     pub on_board: Vec<OnBoard>,
     /// Names of faults that are only warnings; see [`name`](isotherm_support::finding::name).
     pub accept: Vec<&'static str>,

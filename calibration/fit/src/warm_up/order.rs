@@ -6,7 +6,7 @@
 //!
 //! A lower order is never chosen. Terms that are not there cost little: the error of a line fitted by a cubic is that
 //! of the cubic, which the interval states. A term that is there and not seen costs as much as it is large: over
-//! hundreds of simulated units any rule that drops terms within 1.5 to 2 standard errors doubled the error of one now
+//! hundreds of simulated devices any rule that drops terms within 1.5 to 2 standard errors doubled the error of one now
 //! and then. Blocks of time tell nothing: in a warm-up that slows down they are blocks of temperature, and leaving one
 //! out asks for an extrapolation over tens of degrees, which punishes every order.
 //!
@@ -65,7 +65,7 @@ pub(super) fn choose(
     OrderChoice { order, given: given.is_some(), sweeps_left_out, tried }
 }
 
-/// `None` if the telemetry does not determine the order.
+/// `None` if the temperature does not determine the order.
 fn tried(series: &[Series], scatters: &[Scatter], sweeps: &[Part], order: usize) -> Option<TriedOrder> {
     let of_bias = |(bias, scatter): (&Series, &Scatter)| {
         let cubic = bias.fit(&bias.whole(), order.max(CUBIC), Weight::Scatter(*scatter));
@@ -79,7 +79,7 @@ fn tried(series: &[Series], scatters: &[Scatter], sweeps: &[Part], order: usize)
     Some(TriedOrder { order, terms: terms?, errors: errors.unwrap_or_default() })
 }
 
-/// The cubic, or the highest order below it that the telemetry determines, unless a higher one predicts better.
+/// The cubic, or the highest order below it that the temperature determines, unless a higher one predicts better.
 fn chosen(tried: &[TriedOrder]) -> usize {
     let Some(cubic) = tried.get(CUBIC).or(tried.last()) else { return 0 };
     let better = tried[cubic.order..].iter().filter(|it| is_better(&it.errors, &cubic.errors));
@@ -115,13 +115,14 @@ fn error(bias: &Series, scatter: Scatter, sweeps: &[Part], order: usize) -> Opti
     Some((squares / sweeps.len() as f64).sqrt())
 }
 
-/// What a curve leaves of a sweep within the telemetry of the others that it was fitted to: standard deviation of the
+/// What a curve leaves of a sweep within the temperature of the others that it was fitted to: standard deviation of the
 /// means of narrow bins.
 fn left(bias: &Series, sweep: &Part, others: &[Part], shape: &Shape) -> f64 {
-    let telemetry = others.iter().flat_map(|part| bias.bins(part)).map(|bin| bin.telemetry);
-    let [low, high] = telemetry.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], it| [low.min(it), high.max(it)]);
+    let temperature = others.iter().flat_map(|part| bias.bins(part)).map(|bin| bin.temperature);
+    let [low, high] =
+        temperature.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], it| [low.min(it), high.max(it)]);
     let means = bias.means(core::slice::from_ref(sweep), bias.narrow());
-    let within = means.iter().map(|(_, mean)| mean).filter(|mean| (low..=high).contains(&mean.telemetry));
-    let residuals: Vec<f64> = within.map(|mean| mean.value - shape.at(mean.telemetry)).collect();
+    let within = means.iter().map(|(_, mean)| mean).filter(|mean| (low..=high).contains(&mean.temperature));
+    let residuals: Vec<f64> = within.map(|mean| mean.value - shape.at(mean.temperature)).collect();
     spread(&residuals)[0]
 }

@@ -29,8 +29,8 @@ pub struct Spread {
 pub struct SweepPoint {
     /// Index of the sweep.
     pub sweep: usize,
-    /// Head telemetry.
-    pub telemetry: f64,
+    /// Head temperature.
+    pub temperature: f64,
     /// Time since the recording began \[s\].
     pub age_s: f64,
     /// Bias less the transient that is written, on the curve's constant \[g0 or deg/h\].
@@ -44,10 +44,10 @@ pub struct SweepPoint {
 pub struct SweepSpan {
     /// Index of the recording.
     pub recording: usize,
-    /// Whether the telemetry rises.
+    /// Whether the temperature rises.
     pub heating: bool,
-    /// Head telemetry at begin and end.
-    pub telemetry: [f64; 2],
+    /// Head temperature at begin and end.
+    pub temperature: [f64; 2],
     /// Begin and end since the recording began \[s\].
     pub age_s: [f64; 2],
 }
@@ -69,7 +69,7 @@ pub struct BiasCurve {
     /// deg/h\]; of an accelerometer, whose constant is the nominal table's, that of the curve less its value at the
     /// reference temperature.
     pub interval: f64,
-    /// How far the curve is off at most if the sensing element is [`BEHIND_S`] behind its telemetry \[g0 or deg/h\].
+    /// How far the curve is off at most if the sensing element is [`BEHIND_S`] behind its temperature \[g0 or deg/h\].
     pub behind: f64,
     /// Half of the band between sweeps is the error of the curve \[g0 or deg/h\]; `None` where it is not known.
     pub band: Option<SweepBand>,
@@ -86,7 +86,7 @@ pub struct BiasCurve {
 pub struct OnBoardCurve {
     /// The name of the parameters.
     pub name: String,
-    /// Telemetry, and what the firmware subtracts there \[g0 or deg/h\], on the constant of the curve: their own is
+    /// Temperature, and what the firmware subtracts there \[g0 or deg/h\], on the constant of the curve: their own is
     /// that of another attitude.
     pub points: Vec<(f64, f64)>,
     /// What they leave of the bias.
@@ -108,7 +108,7 @@ pub struct WarmUpCalibration {
     pub order: OrderChoice,
     /// The reference temperature.
     pub at: f64,
-    /// Width of the bins that before and after are judged in, in the telemetry's unit.
+    /// Width of the bins that before and after are judged in, in the temperature's unit.
     pub bin: f64,
     /// The sweeps of all recordings.
     pub sweeps: Vec<SweepSpan>,
@@ -150,7 +150,7 @@ impl WarmUpCalibration {
         if bands.is_empty() {
             return format!(
                 "{made}; their error is not known: no recordings heat and cool over half of the range; noise alone gives 95 % intervals, at one temperature each, of {}, \
-                 and elements that are {BEHIND_S} s behind their telemetry would make them wrong by {}",
+                 and elements that are {BEHIND_S} s behind their temperature would make them wrong by {}",
                 self.sizes(|it| it.interval),
                 self.sizes(|it| it.behind)
             );

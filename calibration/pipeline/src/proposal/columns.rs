@@ -1,14 +1,14 @@
 //! What columns are, by what their means do from position to position and from set point to set point.
 //!
 //! A channel of an accelerometer follows gravity: within a set point it changes from position to position by about its
-//! largest value, and three of them together have one length. Telemetry follows the set points, and hardly changes from
+//! largest value, and three of them together have one length. Temperature follows the set points, and hardly changes from
 //! position to position. So no temperature is taken for an acceleration, whatever it is called.
 
 use isotherm_statistics::median;
 
 /// A channel changes from position to position by more than this part of its largest value.
 const FOLLOWS_GRAVITY: f64 = 0.3;
-/// Telemetry changes from position to position by less than this part of what it changes from set point to set point.
+/// Temperature changes from position to position by less than this part of what it changes from set point to set point.
 const FOLLOWS_SET_POINT: f64 = 0.3;
 /// The lengths of three axes differ by less, with scale factors that differ.
 const SAME_LENGTH: f64 = 0.3;
@@ -37,8 +37,8 @@ pub(super) struct ColumnRoles {
     pub channels: Option<Channels>,
     /// All columns that follow gravity.
     pub following_gravity: Vec<usize>,
-    /// The columns of telemetry, with their slope \[1/degC\].
-    pub telemetry: Vec<(usize, f64)>,
+    /// The columns of temperature, with their slope \[1/degC\].
+    pub temperature: Vec<(usize, f64)>,
     /// Those that are neither.
     pub others: Vec<usize>,
     /// Whether the channels have one length in all positions.
@@ -67,7 +67,7 @@ impl ColumnRoles {
             if within > FOLLOWS_GRAVITY * most && within > between {
                 found.following_gravity.push(column);
             } else if within < FOLLOWS_SET_POINT * between {
-                found.telemetry.push((column, slope(&of_set_points)));
+                found.temperature.push((column, slope(&of_set_points)));
             } else {
                 found.others.push(column);
             }

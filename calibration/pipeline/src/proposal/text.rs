@@ -5,7 +5,7 @@ use isotherm_recording_formats::convert::{Calendar, LookedTable};
 use isotherm_statistics::median;
 use std::fmt::Write as _;
 
-/// A telemetry that follows the set points by about 1 is one in degC.
+/// A temperature that follows the set points by about 1 is one in degC.
 const DEGREES: std::ops::RangeInclusive<f64> = 0.7..=1.3;
 /// A number of pulses that is farther from a whole one was not counted.
 const WHOLE: f64 = 0.05;
@@ -97,12 +97,12 @@ impl ProposedCampaign {
         out
     }
 
-    /// The unit of the telemetry, and why.
+    /// The unit of the temperature, and why.
     fn unit(&self) -> (&'static str, &'static str) {
-        let slopes = || self.columns.telemetry.iter().map(|(_, slope)| *slope);
+        let slopes = || self.columns.temperature.iter().map(|(_, slope)| *slope);
         match slopes().next() {
             Some(_) if slopes().all(|slope| DEGREES.contains(&slope)) => ("degC", "a guess: it follows the set points"),
-            _ => ("?", "the unit of the telemetry, any label, as \"V\""),
+            _ => ("?", "the unit of the temperature, any label, as \"V\""),
         }
     }
 
@@ -187,7 +187,7 @@ impl ProposedCampaign {
 
     fn write_temperature(&self, out: &mut String) {
         out.push_str("\n[samples.temperature]\n");
-        let all: Vec<usize> = self.columns.telemetry.iter().map(|(column, _)| *column).collect();
+        let all: Vec<usize> = self.columns.temperature.iter().map(|(column, _)| *column).collect();
         let is_board = |column: &usize| {
             let name = self.table.columns[*column].name.to_lowercase();
             ["board", "conv", "pcb", "elec", "i/f"].iter().any(|word| name.contains(word))

@@ -114,7 +114,7 @@ impl CalibrationPage<'_> {
                 ("standard error of the bias", standard_error[0]),
                 ("leave-one-set-point-out, bias", leave_one_out[0]),
                 ("g-sensitivity, at 1 g0", s.map(largest)),
-                ("head telemetry 0.001 off, bias at its steepest", Some(slope[0])),
+                ("head temperature 0.001 off, bias at its steepest", Some(slope[0])),
             ];
             let in_motion = [
                 ("standard error of K+", standard_error[1]),
@@ -122,7 +122,7 @@ impl CalibrationPage<'_> {
                 ("leave-one-set-point-out, K+", leave_one_out[1]),
                 ("leave-one-set-point-out, K-", leave_one_out[2]),
                 ("misalignments, turning across", misalignment),
-                ("board telemetry 0.001 off, K at its steepest", Some(slope[1].max(slope[2]))),
+                ("board temperature 0.001 off, K at its steepest", Some(slope[1].max(slope[2]))),
             ];
             let at_rest = at_rest.map(|(label, rate)| (format!("{name} {label}"), rate, None));
             let in_motion = in_motion.map(|(label, part)| (format!("{name} {label}"), None, part));

@@ -68,7 +68,7 @@ impl CalibrationPage<'_> {
         if calibration.findings.is_empty() && misfits.is_empty() && cautions.is_empty() && unmade.is_empty() {
             let turns = if calibration.gyroscopes.is_some() { "turns, Earth's rate, " } else { "" };
             let text = format!(
-                "Positions, {turns}time, soak, stillness, telemetry, saturation, fit, outliers, and the residuals of the set points were \
+                "Positions, {turns}time, soak, stillness, temperature, saturation, fit, outliers, and the residuals of the set points were \
                  looked at without a remark."
             );
             page.note(NoteKind::Good, "Nothing found", &text);

@@ -13,7 +13,7 @@ impl CalibrationPage<'_> {
             "As above. The order is 3 at least, the order of the model."
         } else {
             "Equations (9) to (16) of the source paper. The F of the last term is the partial F of the highest power; the terms' partial \
-             sums of squares are in the basis centred on the telemetry's range, on which those of the lower terms depend. \
+             sums of squares are in the basis centred on the temperature's range, on which those of the lower terms depend. \
              Leave-one-out: errors at a set point of the fit without it."
         });
         for axis in 0..AXES {

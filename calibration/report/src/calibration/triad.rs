@@ -21,12 +21,12 @@ impl CalibrationPage<'_> {
         page.heading(2, &id, &format!("{title}{sensors}"));
     }
 
-    fn telemetry(&self, quantity: usize) -> String {
-        format!("{} telemetry / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
+    fn temperature(&self, quantity: usize) -> String {
+        format!("{} temperature / {}", if quantity == 0 { "Head" } else { "Board" }, self.unit())
     }
 
-    /// A figure over the telemetry of a quantity, with the temperatures of the chamber as its second scale.
-    pub(super) fn plot_over_telemetry(
+    /// A figure over the temperature of a quantity, with the temperatures of the chamber as its second scale.
+    pub(super) fn plot_over_temperature(
         &self,
         triad: &CalibratedTriad<'_>,
         title: &str,
@@ -34,8 +34,9 @@ impl CalibrationPage<'_> {
         axis: usize,
         quantity: usize,
     ) -> Plot {
-        let pairs = triad.set_points.iter().map(|(set_point_c, parts)| (parts[axis].telemetry[quantity], *set_point_c));
-        Plot::new(title, &self.telemetry(quantity), y_label).second_scale("Set point / degC", pairs)
+        let pairs =
+            triad.set_points.iter().map(|(set_point_c, parts)| (parts[axis].temperature[quantity], *set_point_c));
+        Plot::new(title, &self.temperature(quantity), y_label).second_scale("Set point / degC", pairs)
     }
 
     /// Figure 5 of the paper.
@@ -77,7 +78,7 @@ impl CalibrationPage<'_> {
             let half = curve.half_width(u, quantile?)?;
             Some((u, (value(u) - half) * factor, (value(u) + half) * factor))
         });
-        self.plot_over_telemetry(triad, title, y_label, axis, quantity)
+        self.plot_over_temperature(triad, title, y_label, axis, quantity)
             .series(label, Style::Line, grid(curve.range(), CURVE_INTERVALS).map(|u| (u, value(u) * factor)))
             .band(band)
             .series("Set points, 95 %", Style::Points, points(triad, axis, quantity, from, factor))
@@ -160,7 +161,7 @@ impl CalibrationPage<'_> {
             let row = |(set_point_c, parts): &(f64, [ReducedSensor<'_>; AXES])| {
                 let part = &parts[axis];
                 let mut row = vec![Cell::text(format!("{set_point_c} degC"))];
-                row.extend(part.telemetry[..2].iter().map(|telemetry| Cell::number(*telemetry, 5)));
+                row.extend(part.temperature[..2].iter().map(|temperature| Cell::number(*temperature, 5)));
                 for quantity in 0..QUANTITY_NAMES.len() {
                     let decimals = if quantity == 0 { units.bias_decimals } else { units.scale_factor_decimals };
                     let both = [part.values[quantity], part.standard_errors[quantity]];
@@ -190,7 +191,7 @@ pub(super) struct Budget {
     pub standard_error: [Option<f64>; 3],
     /// Leave-one-set-point-out, rms.
     pub leave_one_out: [Option<f64>; 3],
-    /// What 0.001 of telemetry changes where the curve is steepest.
+    /// What 0.001 of temperature changes where the curve is steepest.
     pub slope: [f64; 3],
     /// Standard error of both misalignments together \[rad\].
     pub misalignment: Option<f64>,
@@ -225,7 +226,7 @@ impl Budget {
     }
 }
 
-/// Telemetry of a quantity at each set point, and its value less `from` times `factor`.
+/// Temperature of a quantity at each set point, and its value less `from` times `factor`.
 fn points<'a>(
     triad: &'a CalibratedTriad<'_>,
     axis: usize,

@@ -1,4 +1,4 @@
-//! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `telemetry` in its own.
+//! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `temperature` in its own.
 
 use crate::findings::records;
 use crate::view::{value, view};
@@ -18,17 +18,17 @@ pub fn document(comparison: &Comparison, required: Option<&ComparisonRequirement
 
 type Required<'a> = Option<&'a ComparisonRequirement>;
 
-view! { ComparisonView<'a>(comparison: &'a Comparison, telemetry_unit: &'a str, required: Required<'_>) {
+view! { ComparisonView<'a>(comparison: &'a Comparison, temperature_unit: &'a str, required: Required<'_>) {
     tables: Vec<TableView<'a>> = comparison.tables.iter().map(TableView::of).collect(),
     old: &'a str = &comparison.old_table().name,
     new: &'a str = &comparison.new_table().name,
     convention: &'a str = comparison.convention.name(),
     curves: Vec<CurveView<'a>> =
-        comparison.curves.iter().map(|curve| CurveView::of(curve, telemetry_unit, required)).collect(),
+        comparison.curves.iter().map(|curve| CurveView::of(curve, temperature_unit, required)).collect(),
     alignments: Vec<AlignmentView<'a>> =
         comparison.alignments.iter().map(|alignment| AlignmentView::of(alignment, required)).collect(),
     trends: Vec<TrendView<'a>> =
-        comparison.trends.iter().map(|trend| TrendView::of(trend, telemetry_unit)).collect(),
+        comparison.trends.iter().map(|trend| TrendView::of(trend, temperature_unit)).collect(),
     changed: Vec<String> = comparison.changed(),
     errors_known: bool = comparison.has_errors(),
     conclusion: String = comparison.conclusion(),
@@ -53,7 +53,7 @@ view! { JudgementView<'a>(judgement: Judgement) {
     message: String = judgement.message,
 }}
 
-view! { CurveView<'a>(curve: &'a CurveComparison, telemetry_unit: &'a str, required: Required<'_>) {
+view! { CurveView<'a>(curve: &'a CurveComparison, temperature_unit: &'a str, required: Required<'_>) {
     sensor: &'a str = curve.sensor,
     quantity: &'a str = curve.quantity,
     unit: &'a str = curve.unit,
@@ -70,14 +70,14 @@ view! { CurveView<'a>(curve: &'a CurveComparison, telemetry_unit: &'a str, requi
         required.and_then(|required| required.of_curve(curve.unit)).map(|bound| curve.verdict(bound).name()),
     differences_in_unit: &'a [f64] = &curve.differences,
     half_widths_in_unit: Option<Vec<f64>> = curve.half_widths().map(Iterator::collect),
-    telemetry: CurveTelemetry<'a> = CurveTelemetry::of(curve, telemetry_unit),
+    temperature: CurveTemperature<'a> = CurveTemperature::of(curve, temperature_unit),
 }}
 
-view! { CurveTelemetry<'a>(curve: &'a CurveComparison, unit: &'a str) {
+view! { CurveTemperature<'a>(curve: &'a CurveComparison, unit: &'a str) {
     unit: &'a str = unit,
     range_in_unit: [f64; 2] = curve.range,
     of_the_largest_in_unit: f64 = curve.largest().1,
-    points_in_unit: &'a [f64] = &curve.telemetry,
+    points_in_unit: &'a [f64] = &curve.temperature,
 }}
 
 view! { AlignmentView<'a>(alignment: &AlignmentComparison, required: Required<'_>) {
@@ -92,7 +92,7 @@ view! { AlignmentView<'a>(alignment: &AlignmentComparison, required: Required<'_
         required.and_then(|required| required.alignment).map(|bound| alignment.verdict(bound * 1e6).name()),
 }}
 
-view! { TrendView<'a>(trend: &'a Trend, telemetry_unit: &'a str) {
+view! { TrendView<'a>(trend: &'a Trend, temperature_unit: &'a str) {
     sensor: &'a str = trend.sensor,
     quantity: &'a str = trend.quantity,
     unit: &'a str = trend.unit,
@@ -104,10 +104,10 @@ view! { TrendView<'a>(trend: &'a Trend, telemetry_unit: &'a str) {
     p: Option<f64> = trend.p,
     chi2: Option<f64> = trend.chi2,
     degrees_of_freedom: usize = trend.freedom,
-    telemetry: TrendTelemetry<'a> = TrendTelemetry::of(trend, telemetry_unit),
+    temperature: TrendTemperature<'a> = TrendTemperature::of(trend, temperature_unit),
 }}
 
-view! { TrendTelemetry<'a>(trend: &Trend, unit: &'a str) {
+view! { TrendTemperature<'a>(trend: &Trend, unit: &'a str) {
     unit: &'a str = unit,
-    at_in_unit: f64 = trend.telemetry,
+    at_in_unit: f64 = trend.temperature,
 }}

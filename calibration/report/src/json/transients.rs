@@ -40,8 +40,8 @@ view! { ConditionView<'a>(condition: &Condition) {
 }}
 
 view! {
-/// The figures are in its `unit`: `transient`, `estimate` and `standard_error` per unit of telemetry, `t_tau` times
-/// seconds per unit of telemetry.
+/// The figures are in its `unit`: `transient`, `estimate` and `standard_error` per unit of temperature, `t_tau` times
+/// seconds per unit of temperature.
 BiasView<'a>(bias: &'a BiasTransient, units: &'a TriadUnits, tau_s: f64) {
     name: &'a str = bias.name(),
     unit: &'a str = units.bias,

@@ -190,9 +190,9 @@ view! { AxisCoverage<'a>(covered: &Coverage, axis: usize) {
 }}
 
 view! {
-/// The telemetry of run and table, and the part of the table's range that the run covers.
+/// The temperature of run and table, and the part of the table's range that the run covers.
 SensorCoverage(covered: &Coverage, axis: usize, sensor: usize) {
-    run_in_unit: [f64; 2] = covered.telemetry[axis][sensor],
+    run_in_unit: [f64; 2] = covered.temperature[axis][sensor],
     table_in_unit: [f64; 2] = covered.occupancy[axis][sensor].range,
     part: f64 = covered.parts()[axis][sensor],
     largest_hole_in_unit: Option<[f64; 2]> = covered.occupancy[axis][sensor].largest_hole(),

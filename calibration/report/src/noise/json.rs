@@ -17,7 +17,7 @@ pub fn document(analysis: &NoiseAnalysis) -> Value {
     value(&NoiseView::of(analysis))
 }
 
-/// The noise of rates whose unit is not known, which is called "unit", beside their line in telemetry.
+/// The noise of rates whose unit is not known, which is called "unit", beside their line in temperature.
 #[must_use]
 pub fn rates(allan: &Allan, line: Option<&TemperatureLine>) -> Value {
     let units = NoiseUnits {
@@ -57,11 +57,11 @@ BridgedView(bridged: &BridgedRows) {
 view! { RatesView(allan: &Allan, line: Option<&TemperatureLine>, units: &NoiseUnits) {
     #[serde(flatten)]
     curve: CurveView = CurveView::of(allan, units),
-    temperature: Option<TemperatureView> = line.map(|it| TemperatureView::of(it, units, "unit of the telemetry")),
+    temperature: Option<TemperatureView> = line.map(|it| TemperatureView::of(it, units, "unit of the temperature")),
 }}
 
 view! {
-/// One sensor: its curve, the noise of a row, and its rate against telemetry.
+/// One sensor: its curve, the noise of a row, and its rate against temperature.
 SensorView<'a>(sensor: &SensorNoise, units: &NoiseUnits, temperature_unit: &str) {
     axis: &'a str = sensor.name,
     unit: &'a str = units.rate,

@@ -47,7 +47,7 @@ fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> String {
             writeln!(text, "  the noise is smaller than a step of the counts, {steps:.2} steps a row (limit cycle)");
     }
     if let Some(line) = &sensor.line {
-        let slope = format!("  slope over head telemetry {} per {temperature_unit}", slope(line, &units));
+        let slope = format!("  slope over head temperature {} per {temperature_unit}", slope(line, &units));
         if let Some(from_s) = line.contaminated_from_s {
             let _ = writeln!(text, "{slope}; contaminated from tau = {from_s:.4} s. Without the slope:");
             text += &curve(&line.without, &units, "    ");
@@ -58,7 +58,7 @@ fn sensor(sensor: &SensorNoise, temperature_unit: &str) -> String {
     text
 }
 
-/// A slope with its 95 % interval, less the unit of the telemetry.
+/// A slope with its 95 % interval, less the unit of the temperature.
 pub(crate) fn slope(line: &TemperatureLine, units: &NoiseUnits) -> String {
     let interval = line.slope_error.map_or_else(String::new, |error| format!(" +- {:.1e}", 1.96 * error));
     format!("{:.3e}{interval} {}", line.slope, units.rate)

@@ -32,10 +32,10 @@ fn truth(lag_s: Option<f64>) -> Truth {
     Truth::of(CoefficientTable::new(content).unwrap())
 }
 
-/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones telemetry that is read at their end is late for
+/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones temperature that is read at their end is late for
 /// the 7600 ppm/V of A3's K+.
 fn schedule(legs: u32) -> RampSchedule {
-    let noise = Noise { sensor_g0: 5e-6, telemetry: 1e-4, random_walk: 0.003, ..Noise::NONE };
+    let noise = Noise { sensor_g0: 5e-6, temperature: 1e-4, random_walk: 0.003, ..Noise::NONE };
     let chain = Chain { telemetry_lsb_micro: 10, ..Chain::default() };
     let run = RunSchedule {
         ramp_c_per_s: 40.0 / 3600.0,
@@ -48,7 +48,7 @@ fn schedule(legs: u32) -> RampSchedule {
     RampSchedule { run, ..RampSchedule::default() }
 }
 
-/// The samples of the IMU with the lagged telemetry that an acquisition with this time constant fills in.
+/// The samples of the IMU with the lagged temperature that an acquisition with this time constant fills in.
 fn samples(schedule: &RampSchedule, lag_ns: u64) -> Vec<RawSample> {
     let mut lag = Lag::new(lag_ns);
     let filled = |mut raw: RawSample| {
@@ -95,8 +95,8 @@ fn the_true_lag_closes_the_loop() {
     assert_eq!(found.loops.full[0].len(), found.windows.len() - 72);
     let text = report::text::stability(&found, 10.0, true);
     for words in [
-        "Hysteresis band: error in heating less that in cooling, rms over the bins of telemetry that have both [1e-6 g0]",
-        "rms over the bins of telemetry that have both [deg/h]",
+        "Hysteresis band: error in heating less that in cooling, rms over the bins of temperature that have both [1e-6 g0]",
+        "rms over the bins of temperature that have both [deg/h]",
         " of 12\n  static model: the table without its transients\n  the first 720 s are left out of it, 3 time constants",
     ] {
         assert!(text.contains(words), "{words}: {text}");
@@ -144,7 +144,7 @@ fn a_wrong_time_constant_or_none_leaves_the_loop_open() {
     );
     let page = page(&none, &found);
     assert!(page.contains("A1 without transient: hysteresis band") && !page.contains("A1 with transient"));
-    // Samples without lagged telemetry have the static model's output, and the windows are flagged.
+    // Samples without lagged temperature have the static model's output, and the windows are flagged.
     let found = verified(&right, &samples(&schedule(2), 0));
     let LoopBand { static_model, full, .. } = found.loops.band(0).unwrap();
     assert_eq!(static_model, Some(full));
@@ -184,7 +184,7 @@ fn what_is_left_out_is_no_steady_temperature() {
     let heads = found.windows.iter().map(|window| window.head[0]);
     let (low, high) = heads.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
     assert!(high - low > 0.2, "{low} {high}");
-    let why = "the temperature hardly changes after the 3 time constants in which the lagged telemetry settles";
+    let why = "the temperature hardly changes after the 3 time constants in which the lagged temperature settles";
     assert_eq!(found.loops.band(0), Err(why));
     // A run that warms only while the IMU is at another attitude, on its side.
     let mut moved = samples(&schedule(2), table.lag_ns());

@@ -4,7 +4,7 @@ use super::points::{DataPoint, RegressionError, center_and_scale};
 use crate::double_double::DoubleDouble;
 use serde::Serialize;
 
-/// A range of fewer units of the last digit than this is that of exact numbers, such as 0 and 1, and not of rounded
+/// A range of fewer devices of the last digit than this is that of exact numbers, such as 0 and 1, and not of rounded
 /// ones.
 const COARSE: f64 = 100.0;
 

@@ -49,8 +49,8 @@ fn scatter(index: usize) -> f64 {
     (1e4 * (index as f64 + 0.5)).sin()
 }
 
-/// Telemetry that heats and cools twice, and the same behind a lag, with this many decimals.
-fn telemetry(decimals: usize) -> (Vec<DoubleDouble>, Vec<DoubleDouble>) {
+/// Temperature that heats and cools twice, and the same behind a lag, with this many decimals.
+fn temperature(decimals: usize) -> (Vec<DoubleDouble>, Vec<DoubleDouble>) {
     let u = |i: usize| 2.5 - 1.4 * (i as f64 / 20.0).cos();
     let lagged = |i: usize| 2.5 - 1.4 * (i as f64 / 20.0 - 0.2).cos() + 0.02 * (i as f64 / 7.0).sin();
     let written = |value: f64| number(&format!("{value:.decimals$}"));
@@ -138,7 +138,7 @@ fn a_linear_column_of_squares_is_the_next_order() {
 
 #[test]
 fn the_transient_and_the_order_beside_it_are_found() {
-    let (u, lagged) = telemetry(6);
+    let (u, lagged) = temperature(6);
     let difference: Vec<_> = lagged.iter().zip(&u).map(|(&lagged, &u)| lagged - u).collect();
     let y = |i: usize| {
         let (u, d) = (u[i].value(), difference[i].value());
@@ -174,7 +174,7 @@ fn the_transient_and_the_order_beside_it_are_found() {
 
 #[test]
 fn leave_one_out_errors_equal_those_of_refits() {
-    let (u, lagged) = telemetry(4);
+    let (u, lagged) = temperature(4);
     let (u, lagged) = (&u[..12], &lagged[..12]);
     let all = points(u, |i| u[i] * u[i] + lagged[i] + DoubleDouble::from(0.1 * scatter(i)));
     let fit = |points: &[DataPoint], lagged: &[DoubleDouble]| {
@@ -202,7 +202,7 @@ fn leave_one_out_errors_equal_those_of_refits() {
     assert!(close(a.variance_inflation, b.variance_inflation, 1e-13));
 }
 
-/// The refusal of these columns, with the telemetry as x.
+/// The refusal of these columns, with the temperature as x.
 fn refusal(u: &[DoubleDouble], columns: &[(&str, Vec<DoubleDouble>)], order: usize) -> RegressionError {
     let linear = columns.iter().map(|(name, values)| column(name, values)).collect();
     Regression::with_linear(points(u, |i| DoubleDouble::from(scatter(i))), "u", linear, order).unwrap_err()
@@ -219,7 +219,7 @@ fn dependent(error: &RegressionError) -> Vec<&str> {
 fn columns_that_say_the_same_are_refused_by_name() {
     // Few decimals, and those of doubles.
     for decimals in [3, 6, 15] {
-        let (u, lagged) = telemetry(decimals);
+        let (u, lagged) = temperature(decimals);
         let derive = |of: &dyn Fn(f64, f64) -> f64| -> Vec<DoubleDouble> {
             let both = u.iter().zip(&lagged);
             both.map(|(u, lagged)| number(&format!("{:.decimals$}", of(u.value(), lagged.value())))).collect()
@@ -244,7 +244,7 @@ fn columns_that_say_the_same_are_refused_by_name() {
 
 #[test]
 fn a_power_of_x_is_refused_with_the_order_that_is_possible() {
-    let (u, _) = telemetry(15);
+    let (u, _) = temperature(15);
     let square: Vec<_> = u.iter().map(|&u| u * u).collect();
     let error = refusal(&u, &[("square", square.clone())], 4);
     assert_eq!(dependent(&error), ["square", "u^2"]);
@@ -255,8 +255,8 @@ fn a_power_of_x_is_refused_with_the_order_that_is_possible() {
 
 #[test]
 fn columns_with_a_little_of_their_own_are_fitted_and_warned_of() {
-    let (u, _) = telemetry(6);
-    // Zeros and ones, small whole numbers, and a tenth of a millivolt beside the telemetry itself.
+    let (u, _) = temperature(6);
+    // Zeros and ones, small whole numbers, and a tenth of a millivolt beside the temperature itself.
     let phase: Vec<_> = (0..u.len()).map(|i| DoubleDouble::from(f64::from(i / 63 % 2 == 0))).collect();
     let position: Vec<_> = (0..u.len()).map(|i| DoubleDouble::from((i % 5) as f64)).collect();
     let beside: Vec<_> =
@@ -273,7 +273,7 @@ fn columns_with_a_little_of_their_own_are_fitted_and_warned_of() {
 
 #[test]
 fn data_that_allow_no_regression_are_refused() {
-    let (u, lagged) = telemetry(6);
+    let (u, lagged) = temperature(6);
     let few = |count: usize, order: usize, values: usize| {
         let linear = vec![column("lagged", &lagged[..values])];
         Regression::with_linear(points(&u[..count], |i| lagged[i]), "u", linear, order).map(|_| ())

@@ -58,9 +58,10 @@ impl Channel {
         let (new, old) = (self.curve(new)?, self.curve(old)?);
         let ([low, high], [old_low, old_high]) = (new.0.range(), old.0.range());
         let (low, high) = (low.max(old_low), high.min(old_high));
-        let at = |(curve, unit): (&Polynomial, f64), telemetry: f64| curve.at(telemetry) / unit;
-        let telemetry = |point: u32| low + (high - low) * f64::from(point) / f64::from(POINTS - 1);
-        let differences = (0..POINTS).map(|point| (at(new, telemetry(point)) / at(old, telemetry(point)) - 1.0).abs());
+        let at = |(curve, unit): (&Polynomial, f64), temperature: f64| curve.at(temperature) / unit;
+        let temperature = |point: u32| low + (high - low) * f64::from(point) / f64::from(POINTS - 1);
+        let differences =
+            (0..POINTS).map(|point| (at(new, temperature(point)) / at(old, temperature(point)) - 1.0).abs());
         (low < high).then(|| largest(differences))
     }
 }
@@ -242,7 +243,7 @@ mod tests {
         assert!((channel.difference(&good, &wrong).unwrap() - 0.002).abs() < 1e-5);
     }
 
-    /// The runs reach telemetry from 1 to 4; the table has 0.9 to 4.2 V.
+    /// The runs reach temperature from 1 to 4; the table has 0.9 to 4.2 V.
     #[test]
     fn runs_that_leave_a_hole_judge_no_table_unless_that_is_accepted() {
         let good = truth();

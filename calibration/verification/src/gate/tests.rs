@@ -34,7 +34,7 @@ fn off(error_g0: f64) -> CoefficientTable {
     })
 }
 
-/// The truth up to this telemetry; beyond it, coefficients of its end.
+/// The truth up to this temperature; beyond it, coefficients of its end.
 pub(super) fn up_to(high: f64) -> CoefficientTable {
     changed(|content| {
         for axis in &mut content.axes {
@@ -46,7 +46,7 @@ pub(super) fn up_to(high: f64) -> CoefficientTable {
     })
 }
 
-/// A run from telemetry 1 to 4 as the table sees it. The head of A1 is not a number in the first `bad` windows.
+/// A run from temperature 1 to 4 as the table sees it. The head of A1 is not a number in the first `bad` windows.
 pub(super) fn run(table: &CoefficientTable, bad: u32) -> Stability {
     noisy_run(table, bad, 0.0)
 }
@@ -56,7 +56,7 @@ fn noisy_run(table: &CoefficientTable, bad: u32, noise_g0: f64) -> Stability {
     run_of(table, bad, noise_g0, [1.0, 4.0])
 }
 
-/// A run between these telemetries.
+/// A run between these temperatures.
 pub(super) fn run_between(table: &CoefficientTable, from: f64, to: f64) -> Stability {
     run_of(table, 0, 0.0, [from, to])
 }
@@ -67,25 +67,25 @@ fn run_of(table: &CoefficientTable, bad: u32, noise_g0: f64, [from, to]: [f64; 2
     let interval_ns = (WINDOW_S * 1e9) as u64;
     let mut collector = Collector::new(table, WINDOW_S);
     for window in 0..WINDOWS {
-        let telemetry = from + (to - from) * f64::from(window) / f64::from(WINDOWS);
+        let temperature = from + (to - from) * f64::from(window) / f64::from(WINDOWS);
         let mut raw = RawSample {
             sequence: window.into(),
             timestamp_ns: u64::from(window + 1) * interval_ns,
             interval_ns,
             accelerometers: Triad {
-                head_temperature: [telemetry; AXES],
-                board_temperature: [telemetry; AXES],
+                head_temperature: [temperature; AXES],
+                board_temperature: [temperature; AXES],
                 ..Triad::default()
             },
             ..RawSample::default()
         };
         for (index, axis) in truth.content().axes.iter().enumerate() {
-            let indicated = FORCE[index] + axis.bias_at(telemetry).0 + noise_g0 * random.normal();
+            let indicated = FORCE[index] + axis.bias_at(temperature).0 + noise_g0 * random.normal();
             let pulses = |scale_factor: f64| (indicated * scale_factor * WINDOW_S).round() as u32;
             if indicated > 0.0 {
-                raw.accelerometers.positive_pulses[index] = pulses(axis.positive_scale_factor_at(telemetry).0);
+                raw.accelerometers.positive_pulses[index] = pulses(axis.positive_scale_factor_at(temperature).0);
             } else {
-                raw.accelerometers.negative_pulses[index] = pulses(axis.negative_scale_factor_at(telemetry).0);
+                raw.accelerometers.negative_pulses[index] = pulses(axis.negative_scale_factor_at(temperature).0);
             }
         }
         if window < bad {

@@ -127,7 +127,7 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
             accepts_holes: false,
             covered: Coverage {
                 kind: SensorKind::Accelerometer,
-                telemetry: [[[1.0, 1.5]; 2]; AXES],
+                temperature: [[[1.0, 1.5]; 2]; AXES],
                 occupancy: [0, 1, 2].map(|_| [(); 2].map(|()| Occupancy::of([1.0, 2.0], [[1.0, 1.95]]))),
                 unit: "V".to_owned(),
                 driven: [[true, false]; AXES],

@@ -36,7 +36,7 @@ struct WindowSums {
     seconds: f64,
     /// Time since the last complete part of the window \[s\].
     part_seconds: f64,
-    /// Whether the lagged telemetry has not forgotten yet how it began.
+    /// Whether the lagged temperature has not forgotten yet how it began.
     unsettled: bool,
     accelerometers: TriadSums,
     gyroscopes: TriadSums,
@@ -51,9 +51,9 @@ struct TriadSums {
     negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
-    /// Lowest and highest telemetry: head and board, by axis.
-    telemetry: Option<[[[f64; 2]; 2]; AXES]>,
-    /// What of the table's ranges the rows touch; as `telemetry`.
+    /// Lowest and highest temperature: head and board, by axis.
+    temperature: Option<[[[f64; 2]; 2]; AXES]>,
+    /// What of the table's ranges the rows touch; as `temperature`.
     occupancy: Option<[[Occupancy; 2]; AXES]>,
     /// Increments of the full model \[m/s or rad\].
     increment: [f64; AXES],
@@ -100,8 +100,8 @@ impl TriadSums {
             self.part[axis] += increment;
         }
         let rows = [0, 1, 2].map(|axis| [triad.head_temperature[axis], triad.board_temperature[axis]]);
-        let telemetry = self.telemetry.get_or_insert(rows.map(|row| row.map(|value| [value; 2])));
-        for ([low, high], value) in telemetry.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
+        let temperature = self.temperature.get_or_insert(rows.map(|row| row.map(|value| [value; 2])));
+        for ([low, high], value) in temperature.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
             (*low, *high) = (low.min(*value), high.max(*value));
         }
         let occupancy = self.occupancy.get_or_insert(*ranges).as_flattened_mut().iter_mut();
@@ -123,27 +123,27 @@ pub struct Collector<'a> {
     begin_ns: Option<i128>,
     open: WindowSums,
     windows: Vec<WindowSums>,
-    telemetry: [[TelemetryStep; 2]; AXES],
+    temperature: [[TemperatureStep; 2]; AXES],
     left_out: u64,
     other_device: u64,
     /// Whether a sample has gyroscopes.
     has_gyroscopes: bool,
     /// Session, sequence and timestamp of the last sample.
     last: Option<(u64, u64, u64)>,
-    /// Session of the last sample, and when its lagged telemetry has forgotten how it began \[ns\].
+    /// Session of the last sample, and when its lagged temperature has forgotten how it began \[ns\].
     settled: Option<(u64, u64)>,
     continuity: Continuity,
     marks: Marks,
 }
 
-/// Finds the smallest step of one telemetry signal.
+/// Finds the smallest step of one temperature signal.
 #[derive(Clone, Copy, Debug)]
-struct TelemetryStep {
+struct TemperatureStep {
     last: f64,
     step: f64,
 }
 
-impl TelemetryStep {
+impl TemperatureStep {
     fn add(&mut self, value: f64) {
         if !value.is_finite() {
             return;
@@ -157,14 +157,14 @@ impl TelemetryStep {
     }
 }
 
-/// Middle of the range of the windows' mean telemetry: head and board, by axis. Flagged windows are used only if all
+/// Middle of the range of the windows' mean temperature: head and board, by axis. Flagged windows are used only if all
 /// are flagged, because one invalid reading would shift the middle.
 fn middle(windows: &[WindowSums], triad: fn(&WindowSums) -> &TriadSums) -> [[f64; 2]; AXES] {
     let good = windows.iter().any(|window| !triad(window).flagged);
     let used = || windows.iter().filter(move |window| !(good && triad(window).flagged));
-    let of = |telemetry: &dyn Fn(&TriadSums) -> f64| {
+    let of = |temperature: &dyn Fn(&TriadSums) -> f64| {
         let (low, high) = used()
-            .map(|window| telemetry(triad(window)) / window.seconds)
+            .map(|window| temperature(triad(window)) / window.seconds)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
         0.5 * (low + high)
     };
@@ -175,8 +175,8 @@ impl<'a> Collector<'a> {
     /// A collector for windows of `window_s` seconds.
     #[must_use]
     pub fn new(table: &'a CoefficientTable, window_s: f64) -> Self {
-        let telemetry = TelemetryStep { last: f64::NAN, step: f64::INFINITY };
-        let telemetry = [[telemetry; 2]; 3];
+        let temperature = TemperatureStep { last: f64::NAN, step: f64::INFINITY };
+        let temperature = [[temperature; 2]; 3];
         let Content { axes, gyroscopes, .. } = table.content();
         let (accelerometers, gyroscopes) = (untouched(axes), gyroscopes.as_ref());
         Self {
@@ -187,7 +187,7 @@ impl<'a> Collector<'a> {
             begin_ns: None,
             open: WindowSums::default(),
             windows: Vec::new(),
-            telemetry,
+            temperature,
             left_out: 0,
             other_device: 0,
             has_gyroscopes: false,
@@ -249,8 +249,8 @@ impl<'a> Collector<'a> {
             open.gyroscopes.end_part(seconds);
         }
         for axis in 0..AXES {
-            self.telemetry[axis][0].add(raw.accelerometers.head_temperature[axis]);
-            self.telemetry[axis][1].add(raw.accelerometers.board_temperature[axis]);
+            self.temperature[axis][0].add(raw.accelerometers.head_temperature[axis]);
+            self.temperature[axis][1].add(raw.accelerometers.board_temperature[axis]);
         }
         // The window ends with the sample that brings it nearest to its nominal length.
         if open.seconds + 0.5 * seconds >= self.window_s {
@@ -271,7 +271,7 @@ impl<'a> Collector<'a> {
         (i128::from(raw.timestamp_ns) - *begin_ns).max(0) as f64 / 1e9
     }
 
-    /// Whether the lagged telemetry of a sample has not forgotten yet that it began soaked: equal to the telemetry, as
+    /// Whether the lagged temperature of a sample has not forgotten yet that it began soaked: equal to the temperature, as
     /// it does where the recording of an acquisition begins, and where it is computed from a recording that has none.
     fn is_unsettled(&mut self, raw: &RawSample) -> bool {
         let lag_ns = self.table.lag_ns();
@@ -319,7 +319,7 @@ impl<'a> Collector<'a> {
     /// The stability over all complete windows.
     ///
     /// # Errors
-    /// If the samples are of another unit, if there are too few windows, too few at the attitude, or an axis whose
+    /// If the samples are of another device, if there are too few windows, too few at the attitude, or an axis whose
     /// output is not a number.
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
         let interval_ratio = self.checked(setup)?;
@@ -362,7 +362,7 @@ impl<'a> Collector<'a> {
             axes,
             gravity,
             gravity_source: setup.gravity,
-            resolution: self.telemetry.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite()))),
+            resolution: self.temperature.map(|parts| parts.map(|t| Some(t.step).filter(|step| step.is_finite()))),
             left_out: self.left_out,
             middle,
             other_device: (self.other_device > 0).then(|| other_device(self.table, self.other_device)),
@@ -470,7 +470,7 @@ struct FrozenCoefficients {
 
 impl FrozenCoefficients {
     fn new(axes: &[Axis; AXES], alignment: Option<Matrix3<f64>>, middle: [[f64; 2]; AXES]) -> Self {
-        let clamped = |polynomial: &Polynomial, telemetry: f64| polynomial.at(polynomial.clamp(telemetry));
+        let clamped = |polynomial: &Polynomial, temperature: f64| polynomial.at(polynomial.clamp(temperature));
         let values = [0, 1, 2].map(|index| {
             let (axis, [head, board]) = (&axes[index], middle[index]);
             [
@@ -503,7 +503,7 @@ impl WindowSums {
             after: mean(triad.increment).map(|rate| rate / unit),
             head: mean(triad.head),
             board: mean(triad.board),
-            telemetry: triad.telemetry.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
+            temperature: triad.temperature.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
             occupancy: triad.occupancy.unwrap_or([[Occupancy::of([0.0; 2], []); 2]; AXES]),
             flagged: triad.flagged,
             counts: true,

@@ -1,4 +1,4 @@
-//! What of a triad's part of a table a run exercises: the telemetry of its windows, and the channels that the specific
+//! What of a triad's part of a table a run exercises: the temperature of its windows, and the channels that the specific
 //! force drives. At rest no channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
 
 use crate::occupancy::{MOST_UNTOUCHED, Occupancy};
@@ -18,11 +18,11 @@ pub const DRIVEN: f64 = 0.3;
 pub struct Coverage {
     /// The triad.
     pub kind: SensorKind,
-    /// Lowest and highest telemetry of the windows that count, without the flagged ones: head and board, by axis.
-    pub telemetry: [[[f64; 2]; 2]; AXES],
+    /// Lowest and highest temperature of the windows that count, without the flagged ones: head and board, by axis.
+    pub temperature: [[[f64; 2]; 2]; AXES],
     /// What of the bias's range, and of that of K+ and K-, the rows of these windows touch.
     pub occupancy: [[Occupancy; 2]; AXES],
-    /// Unit of the telemetry.
+    /// Unit of the temperature.
     pub unit: String,
     /// Whether the specific force drives the channel: + and -, by axis.
     pub driven: [[bool; 2]; AXES],
@@ -46,18 +46,18 @@ fn judged(windows: &[Window]) -> impl Iterator<Item = &Window> {
     windows.iter().filter(move |window| window.counts && !(good && window.flagged))
 }
 
-/// Names of the curves over head and board telemetry.
+/// Names of the curves over head and board temperature.
 const CURVES: [&str; 2] = ["bias", "K"];
 
 impl Coverage {
     /// Without channels.
     pub(crate) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
-        let all = |axis: usize, sensor: usize| judged(windows).map(move |window| window.telemetry[axis][sensor]);
+        let all = |axis: usize, sensor: usize| judged(windows).map(move |window| window.temperature[axis][sensor]);
         let nothing = untouched(axes);
         let each = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
         Self {
             kind,
-            telemetry: each.map(|pair| pair.map(|(axis, sensor)| joint_range(all(axis, sensor)))),
+            temperature: each.map(|pair| pair.map(|(axis, sensor)| joint_range(all(axis, sensor)))),
             occupancy: judged(windows).fold(nothing, |all, window| together(&all, &window.occupancy)),
             unit: unit.to_owned(),
             driven: [[false; 2]; AXES],
@@ -109,8 +109,8 @@ impl Coverage {
     pub(crate) fn and(&self, other: &Self) -> Self {
         let sensors = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
         Self {
-            telemetry: sensors
-                .map(|pair| pair.map(|(axis, k)| joint_range([self.telemetry[axis][k], other.telemetry[axis][k]]))),
+            temperature: sensors
+                .map(|pair| pair.map(|(axis, k)| joint_range([self.temperature[axis][k], other.temperature[axis][k]]))),
             occupancy: together(&self.occupancy, &other.occupancy),
             driven: sensors.map(|pair| pair.map(|(axis, k)| self.driven[axis][k] || other.driven[axis][k])),
             ..self.clone()
@@ -136,11 +136,11 @@ impl Coverage {
     }
 }
 
-/// The telemetry that is covered least, and the channels.
+/// The temperature that is covered least, and the channels.
 impl fmt::Display for Coverage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (axis, k) = self.least();
-        let ([low, high], [from, to]) = (self.telemetry[axis][k], self.occupancy[axis][k].range);
+        let ([low, high], [from, to]) = (self.temperature[axis][k], self.occupancy[axis][k].range);
         let (name, unit, percent) = (self.kind.names()[axis], &self.unit, 100.0 * self.parts()[axis][k]);
         let channels = self.channels();
         let channels = if channels.is_empty() { "none".to_owned() } else { channels.join(", ") };

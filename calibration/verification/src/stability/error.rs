@@ -22,7 +22,7 @@ pub enum StabilityError {
     },
     /// The output of an axis is not a number in any window.
     #[error(
-        "the output of {axis} is not a number: its telemetry is, or the table rejects it; look at a{index}_head and a{index}_board"
+        "the output of {axis} is not a number: its temperature is, or the table rejects it; look at a{index}_head and a{index}_board"
     )]
     NotANumber {
         /// A1, A2 or A3.
@@ -30,9 +30,9 @@ pub enum StabilityError {
         /// 1, 2 or 3.
         index: usize,
     },
-    /// Samples of another unit than the table's.
+    /// Samples of another device than the table's.
     #[error(
-        "{samples} samples are of another unit than the table's, which has the serial number {serial:?}; take the table of that unit, or give \
+        "{samples} samples are of another device than the table's, which has the serial number {serial:?}; take the table of that unit, or give \
          --other-device"
     )]
     OtherDevice {

@@ -4,7 +4,7 @@ use crate::window::Window;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{mean, rms};
 
-/// Largest part of the windows that need not be at the attitude: a reading of the telemetry that is not plausible
+/// Largest part of the windows that need not be at the attitude: a reading of the temperature that is not plausible
 /// spoils a window.
 pub(super) const MAX_UNJUDGED: f64 = 0.01;
 

@@ -61,7 +61,7 @@ pub struct GyroscopeStability {
     pub has_turntable: bool,
     /// Whether the table has an alignment matrix of the gyroscopes.
     pub aligned: bool,
-    /// Telemetry at which the coefficients are frozen: head and board, by gyroscope.
+    /// Temperature at which the coefficients are frozen: head and board, by gyroscope.
     pub middle: [[f64; 2]; AXES],
     /// What of the bias curves the run exercises.
     pub covered: Coverage,
@@ -80,7 +80,7 @@ pub(super) struct Conditions<'a> {
     pub aligned: bool,
     pub middle: [[f64; 2]; AXES],
     /// Of each window: largest difference of the means of its parts; output of the static model, if the table has a
-    /// lag; whether the lagged telemetry has not forgotten yet how it began.
+    /// lag; whether the lagged temperature has not forgotten yet how it began.
     pub spreads: Vec<[f64; AXES]>,
     pub static_output: Option<Vec<[f64; AXES]>>,
     pub unsettled: Vec<bool>,
@@ -106,7 +106,7 @@ impl GyroscopeStability {
             let axis = (0..AXES).find(rejected).unwrap_or_default();
             let (name, index) = (GYROSCOPE_NAMES[axis], axis + 1);
             return Err(format!(
-                "the output of {name} is not a number: its telemetry is, or the table rejects it; look at g{index}_head and g{index}_board"
+                "the output of {name} is not a number: its temperature is, or the table rejects it; look at g{index}_head and g{index}_board"
             ));
         }
         let windows_left_out = mark(&mut windows, &conditions.spreads, &GYROSCOPES, |_| true);

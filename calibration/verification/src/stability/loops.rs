@@ -6,12 +6,12 @@ use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{LoopPoint, band, shared_bins, sweeps};
 
-/// The lagged telemetry needs so many time constants before it has forgotten how it began.
+/// The lagged temperature needs so many time constants before it has forgotten how it began.
 pub(super) const SOAK: u64 = 3;
-/// Least part of the range of a bias's telemetry that a run must cover: in less, noise makes sweeps.
+/// Least part of the range of a bias's temperature that a run must cover: in less, noise makes sweeps.
 const LEAST_RANGE: f64 = 0.05;
 
-/// The residuals of a triad over the telemetry of its heads, with their direction, by axis \[g0 or deg/h\].
+/// The residuals of a triad over the temperature of its heads, with their direction, by axis \[g0 or deg/h\].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Loops {
     /// Of the static model, which is the table without its transients; `None` if the table has no lag.
@@ -29,7 +29,7 @@ pub struct LoopBand {
     pub static_model: Option<f64>,
     /// Of the full model.
     pub full: f64,
-    /// Bins of telemetry that heating and cooling share, of the 12.
+    /// Bins of temperature that heating and cooling share, of the 12.
     pub bins: usize,
 }
 
@@ -46,13 +46,13 @@ impl Loops {
         let shown: Vec<_> = (0..windows.len()).filter(|index| windows[*index].counts && !unsettled[*index]).collect();
         let points = |output: &dyn Fn(usize) -> [f64; AXES]| {
             [0, 1, 2].map(|axis| {
-                let telemetry: Vec<_> = shown.iter().map(|index| windows[*index].head[axis]).collect();
+                let temperature: Vec<_> = shown.iter().map(|index| windows[*index].head[axis]).collect();
                 let point = |at: usize, heating: bool| LoopPoint {
-                    telemetry: telemetry[at],
+                    temperature: temperature[at],
                     residual: output(shown[at])[axis] - right[axis],
                     heating,
                 };
-                let sweeps = sweeps(&telemetry).into_iter();
+                let sweeps = sweeps(&temperature).into_iter();
                 sweeps
                     .flat_map(|sweep| sweep.values.map(move |at| (at, sweep.heating)))
                     .map(|(at, heating)| point(at, heating))
@@ -73,7 +73,7 @@ impl Loops {
                 (&|index| windows[index].counts, "the temperature hardly changes in the windows that are judged"),
                 (
                     &|index| shown.binary_search(&index).is_ok(),
-                    "the temperature hardly changes after the 3 time constants in which the lagged telemetry settles",
+                    "the temperature hardly changes after the 3 time constants in which the lagged temperature settles",
                 ),
             ];
             steps.into_iter().find(|(used, _)| !covers(used)).map(|(_, why)| why)

@@ -39,7 +39,7 @@ pub struct Stability {
     pub gravity_source: LocalGravity,
     /// What the run allows to be claimed.
     pub verdict: Verdict,
-    /// Smallest step of the telemetry of head and board, by axis; none if it never changes.
+    /// Smallest step of the temperature of head and board, by axis; none if it never changes.
     pub resolution: [[Option<f64>; 2]; AXES],
     /// Number of samples without a valid interval; they have no velocity.
     pub left_out: u64,
@@ -47,10 +47,10 @@ pub struct Stability {
     pub windows_left_out: LeftOut,
     /// The loops between heating and cooling.
     pub loops: Loops,
-    /// What is left out of the loops at the beginning of a session, where the lagged telemetry begins soaked \[s\];
+    /// What is left out of the loops at the beginning of a session, where the lagged temperature begins soaked \[s\];
     /// `None` if nothing is.
     pub unsettled_s: Option<f64>,
-    /// Telemetry at which the coefficients are frozen: head and board, by axis.
+    /// Temperature at which the coefficients are frozen: head and board, by axis.
     pub middle: [[f64; 2]; AXES],
     /// What of the table the run exercises.
     pub covered: Coverage,
@@ -62,7 +62,7 @@ pub struct Stability {
     pub interval_ratio: Option<f64>,
     /// The gyroscopes, or why they are not judged; `None` if neither the table nor the recording has any.
     pub gyroscopes: Option<Result<GyroscopeStability, String>>,
-    /// That samples are of another unit than the table's, if some are.
+    /// That samples are of another device than the table's, if some are.
     pub other_device: Option<Finding>,
     /// Rows that are missing by their sequences, and steps of time.
     pub losses: Losses,

@@ -15,7 +15,7 @@ pub struct Setup {
     pub gravity: LocalGravity,
     /// Earth's rate along the axes of the IMU; unknown if `None`.
     pub earth_rate: Option<EarthRate>,
-    /// Whether samples of another unit than the table's are judged; they are refused otherwise.
+    /// Whether samples of another device than the table's are judged; they are refused otherwise.
     pub other_device: bool,
 }
 
@@ -84,7 +84,7 @@ impl fmt::Display for LocalGravity {
 }
 
 impl Setup {
-    /// `attitude` is a direction of any length. Earth's rate is unknown, and samples of another unit are refused.
+    /// `attitude` is a direction of any length. Earth's rate is unknown, and samples of another device are refused.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

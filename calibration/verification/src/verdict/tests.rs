@@ -20,7 +20,7 @@ pub(crate) fn windows(count: usize, seed: u64, noise: f64, error: impl Fn(f64) -
             after,
             head: [0.0; AXES],
             board: [0.0; AXES],
-            telemetry: [[[0.0; 2]; 2]; AXES],
+            temperature: [[[0.0; 2]; 2]; AXES],
             occupancy: [[Occupancy::of([0.0, 1.0], []); 2]; AXES],
             flagged: false,
             counts: true,

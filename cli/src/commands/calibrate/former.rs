@@ -1,4 +1,4 @@
-//! The former command line of `calibrate`, which did three jobs by options.
+//! The former command line: of `calibrate`, which did three jobs by options, and options that have another name now.
 
 use isotherm_pipeline::CampaignFile;
 use std::ffi::{OsStr, OsString};
@@ -24,6 +24,24 @@ pub(crate) fn replacement(arguments: &[OsString]) -> Option<String> {
     let options = options.iter().filter(|word| *word != "--gravity-only" && *word != "--one-attitude");
     let options: String = options.map(|word| format!(" {}", quoted(word))).collect();
     Some(format!("isotherm calibrate {job}{options}"))
+}
+
+/// Former names of options, and today's.
+const OPTIONS: [(&str, &str); 5] = [
+    ("--standstills", "--static-poses"),
+    ("--other-unit", "--other-device"),
+    ("--telemetry-every", "--temperature-every"),
+    ("--telemetry-noise", "--temperature-noise"),
+    ("--telemetry-lsb", "--temperature-lsb"),
+];
+
+/// What is said of all options among these `arguments` that have another name now; `None` if there are none.
+pub(crate) fn renamed_options(arguments: &[OsString]) -> Option<String> {
+    let words = arguments.iter().map(|word| word.to_string_lossy());
+    let options: Vec<_> = words.map(|word| word.split('=').next().unwrap_or_default().to_owned()).collect();
+    let renamed = OPTIONS.iter().filter(|(old, _)| options.iter().any(|option| option == old));
+    let renamed: Vec<_> = renamed.map(|(old, new)| format!("{old} is {new} now")).collect();
+    (!renamed.is_empty()).then(|| renamed.join(", "))
 }
 
 /// The subcommand that takes a campaign file.

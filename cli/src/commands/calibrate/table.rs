@@ -30,9 +30,9 @@ pub(super) struct TableArgs {
     pub part: PartArgs,
     #[command(flatten)]
     pub acceptance: AcceptanceArgs,
-    /// Take samples of another unit, too
+    /// Take samples of another device, too
     ///
-    /// The samples may be of another unit than the serial number says, or of two. The same as --accept other-device.
+    /// The samples may be of another device than the serial number says, or of two. The same as --accept other-device.
     #[arg(long)]
     pub other_device: bool,
 }

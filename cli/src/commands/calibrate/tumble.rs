@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// Make a table from recordings in many attitudes
 ///
-/// The recordings are of an IMU that was put down by hand in many attitudes. The static poses in them are found, and
+/// The recordings are of a tumble. The static poses in them are found, and
 /// the magnitude of gravity is the reference. Each file is a recording of its own, or data of another program. A
 /// campaign file with method = "gravity-only" takes the place of the recordings and of the options that describe them.
 #[derive(Debug, Args)]
@@ -69,7 +69,7 @@ pub(super) struct Tumble {
     window: Option<Duration>,
     /// State where order 0 is valid
     ///
-    /// In the telemetry's unit; required if the telemetry is constant [default: the measured range].
+    /// In the temperature's unit; required if the temperature is constant [default: the measured range].
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
     temperature_range: Option<[f64; 2]>,
     /// Leave out the static pose of this number
@@ -102,7 +102,7 @@ struct GravityArgs {
     /// It is written into the table.
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_reference: Option<f64>,
-    /// Name the unit of the telemetry
+    /// Name the unit of the temperature
     ///
     /// It is a label.
     #[arg(long, value_name = "UNIT")]

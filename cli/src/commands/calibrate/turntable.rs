@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its
 /// provenance. What the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes
-/// too. Ramps give the lag of the sensing elements behind their telemetry, and transients of the biases where they show
+/// too. Ramps give the lag of the sensing elements behind their temperature, and transients of the biases where they show
 /// them; ramps alone also the bias curves at one attitude.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -48,7 +48,7 @@ pub(super) struct Turntable {
     /// Propose a campaign file for a folder
     ///
     /// There is a file for each position at each set point, or a sheet of means. The campaign file goes to -o, or to
-    /// stdout. Names tell set points and positions, gravity tells accelerometers from telemetry. What the files do not
+    /// stdout. Names tell set points and positions, gravity tells accelerometers from temperature. What the files do not
     /// say is "?" there, or a comment.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["campaign", "report", "batch", "json"])]
     propose: Option<PathBuf>,
@@ -65,7 +65,7 @@ pub(super) struct Turntable {
     batch: Option<PathBuf>,
     /// Choose how the fit treats set points
     ///
-    /// one-stage fits all dwells at once, each with its own telemetry; two-stage fits each set point first, then the
+    /// one-stage fits all dwells at once, each with its own temperature; two-stage fits each set point first, then the
     /// polynomials [default: one-stage].
     #[arg(long, value_name = "METHOD", value_parser = one_of(Method::NAMES))]
     method: Option<Method>,
@@ -81,7 +81,7 @@ pub(super) struct Turntable {
     /// Outputs stay along the sensors' input axes.
     #[arg(long)]
     no_alignment: bool,
-    /// Set the lag behind the telemetry [s]
+    /// Set the lag behind the temperature [s]
     ///
     /// The time constant, for example that of a sister unit; or none, for a table without transients [default: found in
     /// the ramps]. Given, it need not show itself in the ramps. A transient of a bias is still written only if it

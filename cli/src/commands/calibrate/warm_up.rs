@@ -63,7 +63,7 @@ pub(super) struct WarmUp {
     /// The default is mid range.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     at: Option<f64>,
-    /// Set the lag behind the telemetry [s]
+    /// Set the lag behind the temperature [s]
     ///
     /// The time constant; or none, for a table without transients [default: found in the recordings; none with
     /// --export].

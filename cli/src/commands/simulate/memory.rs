@@ -13,14 +13,14 @@ const ONLY_GYROSCOPES: &str = "the IMU has no gyroscopes; give --gyroscopes too"
 /// Options of the memory of the biases.
 #[derive(Debug, Args)]
 pub(super) struct MemoryOptions {
-    /// Set the lag behind the head telemetry [s]
+    /// Set the lag behind the head temperature [s]
     ///
-    /// Time constant of the sensing elements behind the head telemetry [s]; as in TABLE, or no lag, unless given.
+    /// Time constant of the sensing elements behind the head temperature [s]; as in TABLE, or no lag, unless given.
     #[arg(long, value_name = "S", value_parser = time_constant)]
     lag: Option<f64>,
     /// Set the transients of the accelerometers' biases
     ///
-    /// Transients of the biases of A1, A2, A3: for each unit of telemetry by which the element is ahead of its head
+    /// Transients of the biases of A1, A2, A3: for each unit of temperature by which the element is ahead of its head
     /// [1e-6 g0 per V or degC]
     #[arg(long, value_name = "T1,T2,T3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     transient: Option<[f64; AXES]>,
@@ -31,13 +31,13 @@ pub(super) struct MemoryOptions {
     gyroscope_transient: Option<[f64; AXES]>,
     /// Add a play, which makes hysteresis
     ///
-    /// Half-width of a play, which makes hysteresis: its position follows the head telemetry, and stands within W [V or
+    /// Half-width of a play, which makes hysteresis: its position follows the head temperature, and stands within W [V or
     /// degC]; may be repeated.
     #[arg(long, value_name = "W", value_parser = positive)]
     play: Vec<f64>,
     /// Set the play's effect on accelerometers
     ///
-    /// What the play before adds to the biases of A1, A2, A3: for each unit of telemetry by which it is ahead of its
+    /// What the play before adds to the biases of A1, A2, A3: for each unit of temperature by which it is ahead of its
     /// head [1e-6 g0 per V or degC]
     #[arg(long, value_name = "H1,H2,H3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     hysteresis: Vec<[f64; AXES]>,

@@ -65,16 +65,16 @@ pub(super) struct SimulatedImuOptions {
     /// 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
-    /// Set the noise of a telemetry reading
+    /// Set the noise of a temperature reading
     ///
-    /// Noise of a telemetry reading, one sigma [V or degC]; 0.1 mV unless given.
+    /// Noise of a temperature reading, one sigma [V or degC]; 0.1 mV unless given.
     #[arg(long, value_name = "U", value_parser = size)]
-    telemetry_noise: Option<f64>,
-    /// Set the resolution of the telemetry
+    temperature_noise: Option<f64>,
+    /// Set the resolution of the temperature
     ///
-    /// Resolution of the telemetry [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none.
+    /// Resolution of the temperature [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none.
     #[arg(long, value_name = "U")]
-    telemetry_lsb: Option<u32>,
+    temperature_lsb: Option<u32>,
     /// Vibrate at this amplitude and frequency [g0, Hz]
     ///
     /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
@@ -150,17 +150,17 @@ impl SimulatedImuOptions {
         })
     }
 
-    /// Signal chain and noise, with the telemetry in the truth's unit. The positioning error is 0; a run has none, and
+    /// Signal chain and noise, with the temperature in the truth's unit. The positioning error is 0; a run has none, and
     /// a campaign sets its own.
-    pub(super) fn chain_and_noise(&self, truth: &Truth, telemetry_every: f64) -> Result<(Chain, Noise), Failure> {
-        let (mut chain, telemetry_noise) = chain_in(&truth.table.content().temperature_unit)?;
-        chain.telemetry_lsb_micro = self.telemetry_lsb.unwrap_or(chain.telemetry_lsb_micro);
-        chain.telemetry_s = telemetry_every;
+    pub(super) fn chain_and_noise(&self, truth: &Truth, temperature_every: f64) -> Result<(Chain, Noise), Failure> {
+        let (mut chain, temperature_noise) = chain_in(&truth.table.content().temperature_unit)?;
+        chain.telemetry_lsb_micro = self.temperature_lsb.unwrap_or(chain.telemetry_lsb_micro);
+        chain.temperature_s = temperature_every;
         [chain.vibration_g0, chain.vibration_hz] = self.vibration;
         let [bias_ug0, scale_factor_ppm] = self.repeatability;
         let noise = Noise {
             sensor_g0: self.sensor_noise / 1e6,
-            telemetry: self.telemetry_noise.unwrap_or(telemetry_noise),
+            temperature: self.temperature_noise.unwrap_or(temperature_noise),
             bias_g0: bias_ug0 / 1e6,
             scale_factor: scale_factor_ppm / 1e6,
             positioning_rad: 0.0,
@@ -171,22 +171,22 @@ impl SimulatedImuOptions {
         }
         // Without gyroscopes, truth.toml does not mention them.
         let chain = Chain { gyroscope_head_offset_c: [0.0; AXES], gyroscope_board_offset_c: [0.0; AXES], ..chain };
-        let Noise { sensor_g0, telemetry, bias_g0, scale_factor, .. } = noise;
-        Ok((chain, Noise { sensor_g0, telemetry, bias_g0, scale_factor, ..Noise::NONE }))
+        let Noise { sensor_g0, temperature, bias_g0, scale_factor, .. } = noise;
+        Ok((chain, Noise { sensor_g0, temperature, bias_g0, scale_factor, ..Noise::NONE }))
     }
 }
 
-/// The signal chain with telemetry in `unit`, and the noise of a reading in that unit.
+/// The signal chain with temperature in `unit`, and the noise of a reading in that unit.
 fn chain_in(unit: &str) -> Result<(Chain, f64), Failure> {
-    let (volts, noise) = (Chain::default(), Noise::default().telemetry);
+    let (volts, noise) = (Chain::default(), Noise::default().temperature);
     match unit {
         "V" => Ok((volts, noise)),
         "degC" => {
-            let lsb = (f64::from(volts.telemetry_lsb_micro) / volts.telemetry_slope) as u32;
-            let degrees = Chain { telemetry_zero: 0.0, telemetry_slope: 1.0, telemetry_lsb_micro: lsb, ..volts };
-            Ok((degrees, noise / volts.telemetry_slope))
+            let lsb = (f64::from(volts.telemetry_lsb_micro) / volts.temperature_slope) as u32;
+            let degrees = Chain { temperature_zero: 0.0, temperature_slope: 1.0, telemetry_lsb_micro: lsb, ..volts };
+            Ok((degrees, noise / volts.temperature_slope))
         }
-        unit => Err(usage(format!("the truth's telemetry is in {unit}; V and degC can be simulated"))),
+        unit => Err(usage(format!("the truth's temperature is in {unit}; V and degC can be simulated"))),
     }
 }
 

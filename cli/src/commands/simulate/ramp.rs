@@ -54,17 +54,17 @@ pub(super) struct SimulateRamp {
     /// Temperatures of the chamber at the beginning and the end, and between the ramps [degC]
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
-    /// Read the telemetry so often [s]
+    /// Read the temperature so often [s]
     ///
-    /// Time between two telemetry readings [s]; 0 for a reading in every row.
+    /// Time between two temperature readings [s]; 0 for a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
-    telemetry_every: f64,
+    temperature_every: f64,
 }
 
 impl SimulateRamp {
     pub(super) fn run(self) -> Result<(), Failure> {
         let truth = self.imu.truth()?;
-        let (chain, noise) = self.imu.chain_and_noise(&truth, self.telemetry_every)?;
+        let (chain, noise) = self.imu.chain_and_noise(&truth, self.temperature_every)?;
         let [from_c, to_c] = self.temperatures;
         let run = RunSchedule {
             direction: self.attitude,

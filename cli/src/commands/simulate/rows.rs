@@ -62,7 +62,7 @@ impl Columns {
     /// Those of the simulated samples.
     pub(super) fn of(truth: &Truth, chain: &Chain) -> Self {
         let layout = Layout { gyroscopes: truth.table.content().gyroscopes.is_some(), ..Layout::default() };
-        Self { leading: "", telemetry_ns: chain.telemetry_s > 0.0, layout }
+        Self { leading: "", telemetry_ns: chain.temperature_s > 0.0, layout }
     }
 }
 

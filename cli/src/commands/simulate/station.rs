@@ -58,11 +58,11 @@ pub(super) struct SimulateStation {
     /// Control period of the IMU, simulated [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = interval)]
     interval: Duration,
-    /// Read the telemetry so often [s]
+    /// Read the temperature so often [s]
     ///
-    /// Simulated time between two telemetry readings [s]; 0 for a reading in every sample.
+    /// Simulated time between two temperature readings [s]; 0 for a reading in every sample.
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
-    telemetry_every: f64,
+    temperature_every: f64,
     /// Set the error of the angles [arcsec]
     ///
     /// Error of the turntable's angles after each move, one sigma [arcsec]
@@ -138,7 +138,7 @@ impl SimulateStation {
         let folder = self.folder()?;
         let truths = self.imu.truths()?;
         let Some(truth) = truths.first() else { return Ok(()) };
-        let (chain, noise) = self.imu.chain_and_noise(truth, self.telemetry_every)?;
+        let (chain, noise) = self.imu.chain_and_noise(truth, self.temperature_every)?;
         let positioning_rad = arcsec(self.positioning);
         // An exact turntable repeats exactly.
         let noise = Noise { positioning_rad, turn_rad: noise.turn_rad.min(positioning_rad), ..noise };

@@ -192,7 +192,7 @@ pub struct KeptStep {
     pub shift_ns: u64,
     /// Number of gaps in the sequence.
     pub gaps: u64,
-    /// Number of samples left out: telemetry too old or missing, counter saturated, interval or time invalid.
+    /// Number of samples left out: temperature too old or missing, counter saturated, interval or time invalid.
     pub left_out: u64,
     /// The same unit of the other IMUs of a batch that are not dropped. All of them are in one line, so that a unit is
     /// complete or not.

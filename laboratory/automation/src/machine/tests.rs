@@ -10,7 +10,7 @@ fn plan(change: impl Fn(&str) -> String) -> Plan {
     Plan::from_toml(&change(include_str!("../../../../examples/plan.toml")), Path::new("")).unwrap()
 }
 
-/// Three set points, no limit of the telemetry's rate, one verification run.
+/// Three set points, no limit of the temperature's rate, one verification run.
 fn small() -> Plan {
     plan(|text| {
         text.replace("start_c = -25", "start_c = 10")

@@ -131,7 +131,7 @@ impl<'d> CampaignHeader<'d> {
             imu: if is_batch { None } else { root.imu_id("imu") },
             serial: if is_batch { None } else { root.optional_string("serial") },
             gravity: [reference, local],
-            unit: root.string("temperature_unit", "the unit of the telemetry, for example \"V\""),
+            unit: root.string("temperature_unit", "the unit of the temperature, for example \"V\""),
             out_of_range: root.optional_string("out_of_range"),
             numbers: ["max_age_s", "max_rate", "latitude_deg", "height_m"].map(|key| (key, root.optional_number(key))),
         }

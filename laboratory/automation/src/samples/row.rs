@@ -2,7 +2,7 @@
 
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 
-/// The sum of the samples of a row: pulses and intervals are added, telemetry is averaged over time.
+/// The sum of the samples of a row: pulses and intervals are added, temperature is averaged over time.
 pub(super) struct RowSum {
     pub(super) sum: RawSample,
     pub(super) count: u32,
@@ -10,11 +10,11 @@ pub(super) struct RowSum {
     pub(super) seconds: f64,
     accelerometers: TemperatureSum,
     gyroscopes: TemperatureSum,
-    /// Sum of each sample's telemetry time times its interval \[ns2\]; 0 if a sample has no telemetry time.
+    /// Sum of each sample's temperature time times its interval \[ns2\]; 0 if a sample has no temperature time.
     read_ns2: u128,
 }
 
-/// Sums of a triad's telemetry times the interval, by sensor.
+/// Sums of a triad's temperature times the interval, by sensor.
 #[derive(Clone, Copy, Default)]
 struct TemperatureSum {
     head: [f64; AXES],
@@ -22,7 +22,7 @@ struct TemperatureSum {
 }
 
 impl TemperatureSum {
-    /// Adds `triad`'s telemetry over `seconds`, and its pulses to `sum`.
+    /// Adds `triad`'s temperature over `seconds`, and its pulses to `sum`.
     fn add(&mut self, sum: &mut Triad, triad: &Triad, seconds: f64) {
         for axis in 0..AXES {
             sum.positive_pulses[axis] = sum.positive_pulses[axis].saturating_add(triad.positive_pulses[axis]);
@@ -32,7 +32,7 @@ impl TemperatureSum {
         }
     }
 
-    /// `sum` with the mean telemetry of `seconds`.
+    /// `sum` with the mean temperature of `seconds`.
     fn mean(&self, sum: Triad, seconds: f64) -> Triad {
         let mean = |sums: [f64; AXES]| sums.map(|sum| sum / seconds);
         Triad { head_temperature: mean(self.head), board_temperature: mean(self.board), ..sum }
@@ -43,7 +43,7 @@ impl RowSum {
     pub(super) fn new(first: &RawSample) -> Self {
         let empty = |triad: Triad| Triad { positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..triad };
         let (accelerometers, gyroscopes) = (empty(first.accelerometers), empty(first.gyroscopes));
-        // A mean of lagged telemetry is of no use: whoever reads the rows computes it from them.
+        // A mean of lagged temperature is of no use: whoever reads the rows computes it from them.
         let sum = RawSample { interval_ns: 0, lag_ns: 0, accelerometers, gyroscopes, ..*first };
         let (accelerometers, gyroscopes) = (TemperatureSum::default(), TemperatureSum::default());
         Self { sum, count: 0, first: *first, seconds: 0.0, accelerometers, gyroscopes, read_ns2: 0 }.with(first)
@@ -75,7 +75,7 @@ impl RowSum {
         if self.count == 1 {
             return RawSample { lag_ns: 0, ..self.first };
         }
-        // The mean fits into u64: it is at most the largest telemetry time.
+        // The mean fits into u64: it is at most the largest temperature time.
         let telemetry_ns = (self.read_ns2 / u128::from(self.sum.interval_ns)) as u64;
         let accelerometers = self.accelerometers.mean(self.sum.accelerometers, self.seconds);
         let gyroscopes = self.gyroscopes.mean(self.sum.gyroscopes, self.seconds);

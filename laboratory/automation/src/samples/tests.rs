@@ -33,7 +33,7 @@ fn sample(clock: &LaboratoryClock, number: u64, interval_ns: u64) -> RawSample {
         timestamp_ns: 1000 * SECOND + end_ns,
         interval_ns,
         sent_ns: clock.origin.ns() + end_ns,
-        // The telemetry is read when the sample ends.
+        // The temperature is read when the sample ends.
         telemetry_ns: 1000 * SECOND + end_ns,
         accelerometers: Triad {
             positive_pulses: [number as u32, 1, 2],
@@ -159,10 +159,10 @@ fn samples_are_summed_into_rows_that_calibrate_reads() {
     let dwells = read_dwells(&campaign, rows).unwrap();
     assert_eq!(dwells.len(), 2);
     assert_eq!((dwells[0].sums.seconds, dwells[0].rows, dwells[1].position), (100.0, 10, 1));
-    // The dwell has samples 5 to 404, with their telemetry averaged.
+    // The dwell has samples 5 to 404, with their temperature averaged.
     assert_eq!(dwells[0].sums.positive[0], (5..405).sum::<u64>() as f64);
     assert!((dwells[0].sums.head(0) - 204.5).abs() < 1e-9);
-    // The telemetry changes by 1 per sample and is read half a sample after its middle, which `calibrate` corrects
+    // The temperature changes by 1 per sample and is read half a sample after its middle, which `calibrate` corrects
     // by 0.5.
     assert!((dwells[0].head(0) - 204.0).abs() < 1e-9 && dwells[0].board(0) == 2.0);
 }
@@ -395,7 +395,7 @@ fn a_file_keeps_the_columns_that_it_was_begun_with() {
 }
 
 #[test]
-fn samples_of_another_unit_or_without_gyroscopes_are_refused() {
+fn samples_of_another_device_or_without_gyroscopes_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (mut recorder, clock, _) = with_turns(&folder);
     let right = whole_sample(&clock, 1, SECOND);

@@ -18,7 +18,7 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn new(folder: &Path) -> Self {
         let text = include_str!("../../../../examples/plan-batch.toml").replace("time_s = 300\n", "time_s = 30\n");
-        // These streams have no telemetry.
+        // These streams have no temperature.
         let text: String = text
             .lines()
             .filter(|line| !line.starts_with("temperature_per_h"))

@@ -35,7 +35,7 @@ pub struct DataFlashSource {
     instance: u8,
     imu: ImuOfLog,
     vehicle: VehicleState,
-    telemetry: Option<f64>,
+    temperature: Option<f64>,
     /// As they stand at the row.
     parameters: HashMap<String, f64>,
     corrections: Corrections,
@@ -71,7 +71,7 @@ impl DataFlashSource {
     pub fn open(
         mut data: OpenData<'_>,
         settings: &LogSettings,
-        telemetry: Option<f64>,
+        temperature: Option<f64>,
         encoding: Encoding,
     ) -> Result<Self, Failure> {
         let path = data.source.name();
@@ -86,7 +86,7 @@ impl DataFlashSource {
             instance,
             imu,
             vehicle: contents.reports.state(kept.last_us),
-            telemetry,
+            temperature,
             parameters: contents.parameters,
             undone: corrections.told(),
             corrections,
@@ -148,11 +148,11 @@ impl DataFlashSource {
     }
 
     fn undone(&self, row: &ImuRow) -> Result<ForeignRow, Flaw> {
-        let logged = row.celsius.filter(|celsius| celsius.is_finite() || self.telemetry.is_none());
-        let celsius = logged.or(self.telemetry).unwrap_or(PLACEHOLDER);
+        let logged = row.celsius.filter(|celsius| celsius.is_finite() || self.temperature.is_none());
+        let celsius = logged.or(self.temperature).unwrap_or(PLACEHOLDER);
         let [acceleration, rate] = self.corrections.undo(row.logged, celsius);
         let values = Values { acceleration, rate: Some(rate), celsius: [celsius; 2] };
-        values.reading(row.place, row.time_us, self.telemetry)
+        values.reading(row.place, row.time_us, self.temperature)
     }
 }
 
@@ -347,7 +347,7 @@ impl RowSource for DataFlashSource {
             found.push(Finding::warning(name::IMU_ERROR, message));
         }
         if !self.has_temperature {
-            found.extend(placeholder(self.telemetry));
+            found.extend(placeholder(self.temperature));
         }
         found
     }

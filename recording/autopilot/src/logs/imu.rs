@@ -60,7 +60,7 @@ pub(super) fn found(imus: &BTreeMap<u8, ImuOfLog>) -> Vec<FoundImu> {
     imus.iter().map(|(number, imu)| FoundImu { imu: imu.named(*number), rows: imu.rows }).collect()
 }
 
-/// What a log has of one instant: specific force \[m/s2\], angular rate \[rad/s\], telemetry \[degC\] of both.
+/// What a log has of one instant: specific force \[m/s2\], angular rate \[rad/s\], temperature \[degC\] of both.
 pub(super) struct Values {
     pub(super) acceleration: [f64; AXES],
     pub(super) rate: Option<[f64; AXES]>,
@@ -115,11 +115,11 @@ pub fn found_listed(imus: &[FoundImu]) -> String {
 }
 
 impl Values {
-    /// As a row. `telemetry` stands for all temperatures, if it is given.
+    /// As a row. `temperature` stands for all temperatures, if it is given.
     ///
     /// # Errors
     /// What is wrong with the values.
-    pub(super) fn reading(&self, place: u64, time_us: u64, telemetry: Option<f64>) -> Result<ForeignRow, Flaw> {
+    pub(super) fn reading(&self, place: u64, time_us: u64, temperature: Option<f64>) -> Result<ForeignRow, Flaw> {
         let timestamp_ns = Some(time_us.checked_mul(1000).ok_or(Flaw::Time)?);
         let mut reading = ForeignRow { place, timestamp_ns, ..ForeignRow::default() };
         let rate = self.rate.unwrap_or_default();
@@ -128,7 +128,7 @@ impl Values {
             [of(self.acceleration, LOG_ACCELERATION_PULSE, self.celsius[0]), of(rate, LOG_RATE_PULSE, self.celsius[1])];
         for (index, (value, pulse, celsius)) in acceleration.into_iter().chain(rate).enumerate() {
             reading.pulses[index] = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
-            let celsius = telemetry.unwrap_or(celsius);
+            let celsius = temperature.unwrap_or(celsius);
             if !celsius.is_finite() {
                 return Err(Flaw::Temperature);
             }

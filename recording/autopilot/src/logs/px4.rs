@@ -37,7 +37,7 @@ pub struct UlogSource {
     imu: ImuOfLog,
     thermometer: LogThermometer,
     vehicle: VehicleState,
-    telemetry: Option<f64>,
+    temperature: Option<f64>,
     accelerometer: SensorRows,
     gyroscope: SensorRows,
     /// The row of `sensor_accel` that may still get rows of `sensor_gyro`.
@@ -106,7 +106,7 @@ impl UlogSource {
     ///
     /// # Errors
     /// If it has no raw rows, or several IMUs of which none is named; of reading.
-    pub fn open(mut data: OpenData<'_>, settings: &LogSettings, telemetry: Option<f64>) -> Result<Self, Failure> {
+    pub fn open(mut data: OpenData<'_>, settings: &LogSettings, temperature: Option<f64>) -> Result<Self, Failure> {
         let path = data.source.name();
         let failed = |error: RecordingError| error.failure(path);
         let contents = UlogContents::of(&mut data)?;
@@ -122,7 +122,7 @@ impl UlogSource {
         let surveys = (contents.accelerometers.get(&instance), contents.gyroscopes.get(&instance));
         let thermometer = match surveys {
             (Some(accelerometers), Some(gyroscopes)) => {
-                LogThermometer::new(accelerometers, gyroscopes, telemetry, settings.gyroscope_temperature)
+                LogThermometer::new(accelerometers, gyroscopes, temperature, settings.gyroscope_temperature)
             }
             _ => LogThermometer::NoGyroscopes,
         };
@@ -134,7 +134,7 @@ impl UlogSource {
             imu,
             thermometer,
             vehicle,
-            telemetry,
+            temperature,
             accelerometer,
             gyroscope,
             waiting: None,
@@ -240,7 +240,7 @@ impl UlogSource {
             rate: gyroscopes.map(|gyroscopes| gyroscopes.rates),
             celsius: [celsius, own.unwrap_or(celsius)],
         };
-        match values.reading(place, row.time_us, self.telemetry) {
+        match values.reading(place, row.time_us, self.temperature) {
             Ok(reading) => {
                 self.count(row, gyroscopes.is_some() && is_held);
                 Some(reading)
@@ -286,8 +286,13 @@ impl SensorRows {
 }
 
 impl LogThermometer {
-    fn new(accelerometers: &Survey, gyroscopes: &Survey, telemetry: Option<f64>, wanted: GyroscopeTemperature) -> Self {
-        match (telemetry, wanted) {
+    fn new(
+        accelerometers: &Survey,
+        gyroscopes: &Survey,
+        temperature: Option<f64>,
+        wanted: GyroscopeTemperature,
+    ) -> Self {
+        match (temperature, wanted) {
             (Some(_), _) => Self::Given,
             (None, GyroscopeTemperature::Accelerometer) => Self::Accelerometer,
             (None, GyroscopeTemperature::Own) => match gyroscopes.no_thermometer(accelerometers) {
@@ -411,7 +416,7 @@ impl RowSource for UlogSource {
         }
         found.extend(self.no_gyroscopes());
         if !self.has_temperature {
-            found.extend(placeholder(self.telemetry));
+            found.extend(placeholder(self.temperature));
         }
         found
     }

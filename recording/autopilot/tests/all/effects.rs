@@ -188,7 +188,7 @@ fn several_ranges() {
 }
 
 #[test]
-fn telemetry_that_is_no_temperature() {
+fn temperature_that_is_no_temperature() {
     let volts = parsed(&mixed().replace("\"degC\"", "\"V\""));
     let all = Effect::NAMES.map(|(effect, _)| effect).to_vec();
     for autopilot in BOTH {

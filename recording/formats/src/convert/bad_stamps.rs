@@ -20,7 +20,7 @@ pub(super) enum BadStamp {
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Remedy {
     /// It got a time between its neighbours'.
-    Mended,
+    Fixed,
     /// It was put in order.
     Sorted,
     LeftOut,
@@ -59,7 +59,7 @@ impl fmt::Display for Spot {
 pub(super) struct StampTally {
     /// In the order of [`KINDS`].
     counts: [u64; KINDS.len()],
-    mended: u64,
+    fixed: u64,
     sorted: u64,
     left_out: u64,
     /// Rows with the stamp of a neighbour, where the step behind them has exactly their place. They do no harm.
@@ -79,11 +79,11 @@ impl StampTally {
         let index = KINDS.iter().position(|(of, _)| *of == kind).unwrap_or(0);
         self.counts[index] += 1;
         match remedy {
-            Remedy::Mended => self.mended += 1,
+            Remedy::Fixed => self.fixed += 1,
             Remedy::Sorted => self.sorted += 1,
             Remedy::LeftOut => self.left_out += 1,
         }
-        self.placed += u64::from((kind, remedy) == (BadStamp::Repeated, Remedy::Mended));
+        self.placed += u64::from((kind, remedy) == (BadStamp::Repeated, Remedy::Fixed));
         if self.first.is_none_or(|first| spot.place < first.place) {
             self.first = Some(spot);
         }
@@ -118,7 +118,7 @@ impl StampTally {
     /// Why the rows cannot be used, and the place; `remedy` is what the user can do. `None` if they can.
     pub(super) fn refusal(&self, rows: u64, unit: &str, remedy: &str) -> Option<(u64, String)> {
         let first = self.first.filter(|_| self.is_over(rows, ONE_OF))?;
-        Some((first.place, format!("{}, over 1 %, so the times cannot be mended; {remedy}", self.told(rows, unit)?)))
+        Some((first.place, format!("{}, over 1 %, so the times cannot be fixed; {remedy}", self.told(rows, unit)?)))
     }
 
     /// The counts, and the first one, in a line.
@@ -134,7 +134,7 @@ impl StampTally {
     pub(super) fn findings(&self, rows: u64, unit: &str, session: u64) -> Vec<Finding> {
         let done = [
             (
-                self.mended,
+                self.fixed,
                 ["gets a time between those of its neighbours", "get a time between those of their neighbours"],
             ),
             (self.sorted, ["is put in order", "are put in order"]),

@@ -91,7 +91,7 @@ impl Sensors {
     }
 }
 
-/// Where the telemetry comes from.
+/// Where the temperature comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Temperature {
     /// From columns. Each is for all sensors, for an axis, or for one sensor.
@@ -100,7 +100,7 @@ pub enum Temperature {
         head: Vec<ColumnRef>,
         /// 1, 3 or 6 columns of the converter boards; those of the heads if there are none of their own.
         board: Vec<ColumnRef>,
-        /// What makes telemetry of the numbers; `None`: they are telemetry.
+        /// What makes temperature of the numbers; `None`: they are temperature.
         linear: Option<Linear>,
     },
     /// The same for all rows.
@@ -114,7 +114,7 @@ pub struct SensorColumns {
     pub accelerometer: Sensors,
     /// The gyroscopes, if the IMU has any.
     pub gyroscope: Option<Sensors>,
-    /// The telemetry.
+    /// The temperature.
     pub temperature: Temperature,
 }
 
@@ -374,7 +374,7 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
     temperature
 }
 
-/// What makes telemetry of the numbers: `number * scale + offset`.
+/// What makes temperature of the numbers: `number * scale + offset`.
 fn linear(section: &Section<'_, '_>) -> Option<Linear> {
     let number = |key: &'static str, expected: &str| {
         if section.is_open(key) {

@@ -215,7 +215,7 @@ impl JoinedSource {
         }
         let [a, g] = if self.slow.are_gyroscopes { [others, own] } else { [own, others] };
         reading.pulses = [a[0], a[1], a[2], g[0], g[1], g[2]];
-        // The telemetry is that of the accelerometers.
+        // The temperature is that of the accelerometers.
         if self.slow.are_gyroscopes {
             let last = row.last.or_else(|| self.before.iter().rev().find_map(|row| row.last));
             (reading.head, reading.board) = last.map_or((reading.head, reading.board), |last| (last.head, last.board));

@@ -80,7 +80,7 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<KnownFormat
     let is_log = matches!(format, Some(KnownFormat::Ulog | KnownFormat::DataFlash(_)));
     if is_log && settings.time != TimeSource::Header {
         return refused(
-            "--time is for texts and bags, but this is the log of an autopilot, whose times are mended anyhow",
+            "--time is for texts and bags, but this is the log of an autopilot, whose times are fixed anyhow",
         );
     }
     if format != Some(KnownFormat::Mcap) && settings.time == TimeSource::Log {

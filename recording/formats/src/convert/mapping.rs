@@ -42,7 +42,7 @@ pub struct Mapping {
     pub accelerometer: Sensors,
     /// The gyroscopes, if the IMU has any.
     pub gyroscope: Option<Sensors>,
-    /// The telemetry.
+    /// The temperature.
     pub temperature: Temperature,
     /// The columns of set point and position, of a sheet of means. It has no times.
     pub labels: Option<[ColumnRef; 2]>,
@@ -95,7 +95,7 @@ pub enum TimeUnit {
 pub struct KnownColumns {
     /// Nominal interval \[ns\]; `None`: it is found from the time.
     pub interval_ns: Option<u64>,
-    /// The telemetry of all rows; `None`: that of the data, if they have any.
+    /// The temperature of all rows; `None`: that of the data, if they have any.
     pub temperature: Option<f64>,
     /// One of the data's unit of accelerations \[m/s2\] and of rates \[rad/s\]; `None`: 1.
     pub units: [Option<f64>; 2],
@@ -238,13 +238,13 @@ impl Mapping {
         let label = self.labels.iter().flatten().position(|other| other == column);
         let label = label.map(|index| ["set_point_c", "position"][index].to_owned());
         let of_gyroscopes = || self.gyroscope.as_ref().and_then(|sensors| of_sensors("gyroscope", sensors));
-        let of_telemetry = || match &self.temperature {
+        let of_temperature = || match &self.temperature {
             Temperature::Columns { head, .. } if head.contains(column) => "temperature.columns".to_owned(),
             _ => "temperature.board_columns".to_owned(),
         };
         let found =
             is_time.or(label).or_else(|| of_sensors("accelerometer", &self.accelerometer)).or_else(of_gyroscopes);
-        Some(format!("samples.{}", found.unwrap_or_else(of_telemetry)))
+        Some(format!("samples.{}", found.unwrap_or_else(of_temperature)))
     }
 
     /// All columns that it names.

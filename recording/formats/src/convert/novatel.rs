@@ -130,14 +130,14 @@ impl NovatelSource {
             return Err(broken("more fields than the log has"));
         }
         let [az, ay, ax, gz, gy, gx] = counts;
-        let telemetry = [self.temperature.unwrap_or(PLACEHOLDER); 2 * AXES];
+        let temperature = [self.temperature.unwrap_or(PLACEHOLDER); 2 * AXES];
         let pulses = [ax, -ay, az, gx, -gy, gz];
         Ok(ForeignRow {
             place: self.line,
             timestamp_ns,
             pulses,
-            head: telemetry,
-            board: telemetry,
+            head: temperature,
+            board: temperature,
             ..ForeignRow::default()
         })
     }

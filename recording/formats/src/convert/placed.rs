@@ -11,7 +11,7 @@ pub(super) struct SessionRow {
     pub time_ns: u64,
     /// Its place in the window.
     pub at: usize,
-    pub is_mended: bool,
+    pub is_fixed: bool,
 }
 
 impl SessionRow {

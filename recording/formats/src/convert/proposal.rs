@@ -13,11 +13,11 @@ use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::io::Read;
 
-mod telemetry;
+mod temperature;
 #[cfg(test)]
 mod tests;
 
-pub(super) use telemetry::CELSIUS;
+pub(super) use temperature::CELSIUS;
 
 /// Rows that are looked at.
 const ROWS: usize = 1000;

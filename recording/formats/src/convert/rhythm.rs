@@ -5,7 +5,7 @@ use super::interval;
 use isotherm_recording::foreign::ForeignRow;
 use std::collections::VecDeque;
 
-/// Fewer rows are a handful, which has no usual step, and in which no stamp is mended.
+/// Fewer rows are a handful, which has no usual step, and in which no stamp is fixed.
 pub(super) const HANDFUL: usize = 10;
 /// Most rows over which the mean step of arrivals is taken.
 const SPAN: usize = 1000;

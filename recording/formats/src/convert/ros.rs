@@ -1,6 +1,6 @@
 //! `sensor_msgs/msg/Imu` in MCAP, as rosbag2 writes it, and converted bags of ROS 1.
 //!
-//! The time is that of `header.stamp`, unless the time of the log is wanted. The telemetry of a row is that of the last
+//! The time is that of `header.stamp`, unless the time of the log is wanted. The temperature of a row is that of the last
 //! `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the temperatures.
 
 use super::joined::JoinedSource;
@@ -185,14 +185,15 @@ impl RosSource {
             BagContents::read(&mut BagMessages::new(data.source, data.take()), settings.time).map_err(failed)?;
         let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
-        let telemetry = match temperature {
+        let temperature_topic = match temperature {
             Some(_) => None,
             None => choose(&names, settings.temperature_topic.as_deref(), "--temperature-topic")
                 .map_err(|problem| refused(contents.problem(&problem, TEMPERATURE)))?,
         };
-        let mut values = telemetry.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
+        let mut values =
+            temperature_topic.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
         values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-        let temperatures = Temperatures { topic: telemetry, values, before: 0 };
+        let temperatures = Temperatures { topic: temperature_topic, values, before: 0 };
         let of_topic = |messages: BagMessages, topic: String, wanted: SensorChoice| Self {
             messages,
             topic,
@@ -215,7 +216,7 @@ impl RosSource {
                 let others = BagMessages::open(data.source, &Settings::default())?;
                 let accelerometers =
                     Self { temperatures, ..of_topic(messages, topic.clone(), SensorChoice::Accelerometers) };
-                // The rows have the telemetry of the accelerometers.
+                // The rows have the temperature of the accelerometers.
                 let gyroscopes = Self {
                     temperature: Some(PLACEHOLDER),
                     ..of_topic(others, of_gyroscopes.clone(), SensorChoice::Gyroscopes)
@@ -277,13 +278,13 @@ impl RosSource {
             reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
         self.temperatures.before += u64::from(self.temperatures.are_after(stamp_ns));
-        self.take_telemetry(stamp_ns, &mut reading);
+        self.take_temperature(stamp_ns, &mut reading);
         Ok(reading)
     }
 
-    fn take_telemetry(&self, time_ns: u64, reading: &mut ForeignRow) {
-        let telemetry = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
-        (reading.head, reading.board) = ([telemetry; _], [telemetry; _]);
+    fn take_temperature(&self, time_ns: u64, reading: &mut ForeignRow) {
+        let temperature = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
+        (reading.head, reading.board) = ([temperature; _], [temperature; _]);
     }
 }
 
@@ -336,7 +337,7 @@ impl RowSource for RosSource {
 
     fn retime(&self, reading: &mut ForeignRow) {
         if let Some(time_ns) = reading.timestamp_ns {
-            self.take_telemetry(time_ns, reading);
+            self.take_temperature(time_ns, reading);
         }
     }
 

@@ -18,13 +18,13 @@ pub struct Scale {
     pub largest: [Option<f64>; 2],
     /// Numbers of accelerometer and gyroscope, in logs of autopilots that have them.
     pub devices: [Option<u32>; 2],
-    /// Lowest and highest telemetry of all sensors and boards in the rows, in its unit; where it is constant, one unit
+    /// Lowest and highest temperature of all sensors and boards in the rows, in its unit; where it is constant, one unit
     /// below and above.
-    pub telemetry: [f64; 2],
+    pub temperature: [f64; 2],
 }
 
 impl Scale {
-    /// The scale of both, whose telemetry is joined.
+    /// The scale of both, whose temperature is joined.
     ///
     /// # Errors
     /// What differs, with its article.
@@ -39,24 +39,24 @@ impl Scale {
         match differs.iter().find(|(_, differs)| *differs) {
             Some((what, _)) => Err(what),
             None => {
-                let ([low, high], [other_low, other_high]) = (self.telemetry, other.telemetry);
-                Ok(Self { telemetry: [low.min(other_low), high.max(other_high)], ..self })
+                let ([low, high], [other_low, other_high]) = (self.temperature, other.temperature);
+                Ok(Self { temperature: [low.min(other_low), high.max(other_high)], ..self })
             }
         }
     }
 
-    /// What [`nominal_table`](isotherm_shared::table::nominal_table) takes, with telemetry in degC and standard
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) takes, with temperature in degC and standard
     /// gravity.
     #[must_use]
     pub fn nominal(&self, imu: &ImuId) -> Nominal {
         let [max_specific_force, max_angular_rate] = self.largest;
         let (resolution, has_gyroscopes) = (self.resolution, self.has_gyroscopes);
-        let nominal = Nominal::new(imu.clone(), self.interval_ns, self.telemetry);
+        let nominal = Nominal::new(imu.clone(), self.interval_ns, self.temperature);
         Nominal { resolution, has_gyroscopes, max_specific_force, max_angular_rate, ..nominal }
     }
 }
 
-/// The telemetry of the rows so far: lowest and highest.
+/// The temperature of the rows so far: lowest and highest.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TemperatureRange([f64; 2]);
 

@@ -22,7 +22,7 @@ pub enum TimeSource {
 pub struct Settings {
     /// The mapping of texts, where it has been read: that of a campaign file.
     pub mapping: Option<Mapping>,
-    /// The telemetry of all rows, in the unit of the table.
+    /// The temperature of all rows, in the unit of the table.
     pub temperature: Option<f64>,
     /// The nominal interval \[ns\].
     pub interval_ns: Option<u64>,

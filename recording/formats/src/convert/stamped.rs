@@ -1,9 +1,9 @@
-//! The rows of a source with times that rise: bad stamps are mended, rollovers are joined, and stamps of arrivals
+//! The rows of a source with times that rise: bad stamps are fixed, rollovers are joined, and stamps of arrivals
 //! become an even clock.
 
 use super::clock::EvenClock;
+use super::fixer::{Fixer, WINDOW};
 use super::interval::{self, IntervalShape};
-use super::mender::{Mender, WINDOW};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
 use isotherm_recording::RecordingError;
@@ -25,9 +25,9 @@ pub(super) struct StampedRows {
     time: TimeSource,
     /// Rows that have been read ahead.
     ahead: VecDeque<ForeignRow>,
-    mender: Mender,
-    /// Rows that the mender has given.
-    mended: VecDeque<ForeignRow>,
+    fixer: Fixer,
+    /// Rows that the fixer has given.
+    fixed: VecDeque<ForeignRow>,
     clock: Option<EvenClock>,
     /// Rows that have their time.
     ready: VecDeque<ForeignRow>,
@@ -52,8 +52,8 @@ impl StampedRows {
             source,
             time,
             ahead: VecDeque::new(),
-            mender: Mender::new(rhythm(&[]), Twice::default(), adds_up),
-            mended: VecDeque::new(),
+            fixer: Fixer::new(rhythm(&[]), Twice::default(), adds_up),
+            fixed: VecDeque::new(),
             clock: None,
             ready: VecDeque::new(),
             shape: None,
@@ -77,17 +77,17 @@ impl StampedRows {
             return Err(rows.source.error(first.place, message));
         }
         let [of_even, of_arrivals] = twice(&rows.ahead);
-        let even = Mender::new(rhythm(&stamps), of_even, adds_up);
-        let (is_bad, times) = rows.mended_times(even.clone(), FOUND_FROM);
-        rows.mender = even;
+        let even = Fixer::new(rhythm(&stamps), of_even, adds_up);
+        let (is_bad, times) = rows.fixed_times(even.clone(), FOUND_FROM);
+        rows.fixer = even;
         rows.find_shape(&times);
         if is_bad || rows.is_uneven() {
             rows.read_ahead(FOUND_FROM_UNEVEN + WINDOW);
-            let uneven = Mender::new(arrivals(&rows.stamps()), of_arrivals, adds_up);
-            let (_, times) = rows.mended_times(uneven.clone(), FOUND_FROM_UNEVEN);
+            let uneven = Fixer::new(arrivals(&rows.stamps()), of_arrivals, adds_up);
+            let (_, times) = rows.fixed_times(uneven.clone(), FOUND_FROM_UNEVEN);
             rows.find_shape(&times);
             if let Some(shape) = rows.shape.filter(|shape| !shape.is_even) {
-                (rows.mender, rows.clock) = (uneven, Some(EvenClock::new(shape)));
+                (rows.fixer, rows.clock) = (uneven, Some(EvenClock::new(shape)));
             }
         }
         Ok(rows)
@@ -107,11 +107,11 @@ impl StampedRows {
     }
 
     /// The times that the rows which were read ahead get, in order, and whether many stamps are bad.
-    fn mended_times(&self, mut mender: Mender, rows: usize) -> (bool, Vec<u64>) {
-        let (counter, mut mended, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
+    fn fixed_times(&self, mut fixer: Fixer, rows: usize) -> (bool, Vec<u64>) {
+        let (counter, mut fixed, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
         let mut highest_ns = 0;
-        let mut take = |mended: &mut VecDeque<ForeignRow>| {
-            for row in mended.drain(..) {
+        let mut take = |fixed: &mut VecDeque<ForeignRow>| {
+            for row in fixed.drain(..) {
                 let Some(time_ns) = row.timestamp_ns.filter(|_| times.len() < rows) else { continue };
                 // Where a stamp is a little before the one of the row before, it is the same.
                 highest_ns = if row.begins_session { time_ns } else { time_ns.max(highest_ns) };
@@ -119,14 +119,14 @@ impl StampedRows {
             }
         };
         for row in &self.ahead {
-            mender.push(*row, counter, &mut mended);
-            take(&mut mended);
+            fixer.push(*row, counter, &mut fixed);
+            take(&mut fixed);
         }
         if self.ended {
-            mender.end(&mut mended);
-            take(&mut mended);
+            fixer.end(&mut fixed);
+            take(&mut fixed);
         }
-        (mender.tally().is_over(mender.rows(), FEW), times)
+        (fixer.tally().is_over(fixer.rows(), FEW), times)
     }
 
     fn read_ahead(&mut self, rows: usize) {
@@ -161,15 +161,15 @@ impl StampedRows {
         while self.ready.is_empty() && !self.closed {
             let row = self.ahead.pop_front();
             match row.or_else(|| if self.ended { None } else { self.read() }) {
-                Some(row) => self.mender.push(row, self.source.counter(), &mut self.mended),
+                Some(row) => self.fixer.push(row, self.source.counter(), &mut self.fixed),
                 None => {
-                    self.mender.end(&mut self.mended);
+                    self.fixer.end(&mut self.fixed);
                     self.closed = true;
                 }
             }
             match &mut self.clock {
-                Some(clock) => self.mended.drain(..).for_each(|row| clock.push(row, &mut self.ready)),
-                None => core::mem::swap(&mut self.mended, &mut self.ready),
+                Some(clock) => self.fixed.drain(..).for_each(|row| clock.push(row, &mut self.ready)),
+                None => core::mem::swap(&mut self.fixed, &mut self.ready),
             }
             if self.closed
                 && let Some(clock) = &mut self.clock
@@ -178,7 +178,7 @@ impl StampedRows {
             }
         }
         if let Some(mut row) = self.ready.pop_front() {
-            if row.is_mended {
+            if row.is_fixed {
                 self.source.retime(&mut row);
             }
             return Ok(Some(row));
@@ -191,7 +191,7 @@ impl StampedRows {
 
     /// Refuses rows of which too many have bad stamps. Valid after the last row.
     fn refuse_bad(&self) -> Option<RecordingError> {
-        let refusal = self.mender.tally().refusal(self.mender.rows(), self.unit(), &self.remedy());
+        let refusal = self.fixer.tally().refusal(self.fixer.rows(), self.unit(), &self.remedy());
         refusal.map(|(place, message)| self.source.error(place, message))
     }
 
@@ -241,7 +241,7 @@ impl StampedRows {
 
     /// What was done to the stamps. `is_found` says whether the interval was found from them; `session` is the first.
     pub(super) fn findings(&self, is_found: bool, session: u64) -> Vec<Finding> {
-        let rollover = self.mender.rollover().told().map(|told| Finding::warning(name::ROLLOVER, told));
+        let rollover = self.fixer.rollover().told().map(|told| Finding::warning(name::ROLLOVER, told));
         let uneven = self.shape.filter(|_| self.clock.is_some()).map(|shape| {
             let how = match shape.burst {
                 0 | 1 => "the stamps jitter by over a fifth of the interval".to_owned(),
@@ -250,7 +250,7 @@ impl StampedRows {
             let lost = if is_found { "; lost rows cannot be told from it: give interval_s" } else { "" };
             Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock{lost}"))
         });
-        let bad = self.mender.tally().findings(self.mender.rows(), self.unit(), session);
+        let bad = self.fixer.tally().findings(self.fixer.rows(), self.unit(), session);
         let rate = (self.time == TimeSource::Rate).then(|| {
             let message =
                 "the rows are one interval apart, whatever their stamps say: rows that are lost cannot be told";

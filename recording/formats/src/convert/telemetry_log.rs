@@ -36,8 +36,8 @@ struct MavlinkFrame<'a> {
 pub(super) fn reason(beginning: &[u8]) -> Option<String> {
     if let Some(message) = first_message(beginning) {
         // Names of MAVLink's messages are long; those of ArduPilot's logs have up to four letters.
-        let is_telemetry = message.name().len() > LOG_NAME && message.name() != "BAD_DATA";
-        return is_telemetry.then(|| refusal("as lines of JSON"));
+        let is_temperature = message.name().len() > LOG_NAME && message.name() != "BAD_DATA";
+        return is_temperature.then(|| refusal("as lines of JSON"));
     }
     // With the times of arrival, and without.
     let stamp = [8, 0].into_iter().find(|stamp| frames(beginning, *stamp).take(CHAIN).count() == CHAIN)?;

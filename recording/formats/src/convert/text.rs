@@ -73,11 +73,11 @@ struct TextColumns {
     time: Option<(CsvColumn, TimeUnit)>,
     /// That of the time of the day, where `time` is the date.
     of_day: Option<CsvColumn>,
-    telemetry: TextTemperature,
+    temperature: TextTemperature,
 }
 
 enum TextTemperature {
-    /// Of the heads and the boards, what makes telemetry of the numbers, and whether a number has been seen.
+    /// Of the heads and the boards, what makes temperature of the numbers, and whether a number has been seen.
     Columns([Vec<CsvColumn>; 2], Linear, bool),
     Constant(f64),
 }
@@ -143,7 +143,7 @@ impl TextSource {
         let labels = mapping.labels.as_ref().map(|[one, other]| Ok::<_, RecordingError>([find(one)?, find(other)?]));
         let labels = labels.transpose()?;
         let axes = |sensors: &Sensors| TextAxes::new(sensors, find);
-        let telemetry = match &mapping.temperature {
+        let temperature = match &mapping.temperature {
             Temperature::Constant(constant) => TextTemperature::Constant(*constant),
             Temperature::Columns { head, board, linear } => {
                 TextTemperature::Columns([all(head)?, all(board)?], linear.unwrap_or(Linear::CELSIUS), linear.is_none())
@@ -158,7 +158,7 @@ impl TextSource {
             above: (opening.before(table.begin()), opening.before(begin).len()),
             has_signs: opening.is_comment(table.first),
             begin,
-            columns: TextColumns { time, of_day, telemetry },
+            columns: TextColumns { time, of_day, temperature },
             labels,
             accelerometers: axes(&mapping.accelerometer)?,
             gyroscopes: mapping.gyroscope.as_ref().map(axes).transpose()?,
@@ -174,7 +174,7 @@ impl TextSource {
         })
     }
 
-    /// As [`new`](Self::new), of a layout that was recognised. The telemetry \[degC\] may be given.
+    /// As [`new`](Self::new), of a layout that was recognised. The temperature \[degC\] may be given.
     pub(super) fn recognised(
         source: Box<dyn Read>,
         mut recognised: LayoutMatch,
@@ -187,7 +187,7 @@ impl TextSource {
         Ok(Self { recognised: Some(recognised.clone()), ..Self::new(source, recognised.mapping)? })
     }
 
-    /// As [`new`](Self::new), of a text that has the gyroscopes of `mapping` alone, and no telemetry.
+    /// As [`new`](Self::new), of a text that has the gyroscopes of `mapping` alone, and no temperature.
     pub(super) fn of_gyroscopes(source: Box<dyn Read>, mapping: Mapping) -> Result<Self, RecordingError> {
         let Some(gyroscope) = mapping.gyroscope else {
             let message = "the mapping has no gyroscopes; give [gyroscope] with the columns of this file".to_owned();
@@ -260,7 +260,7 @@ impl TextSource {
         }
         let accelerometers = self.accelerometers.numbers(rows, marks)?;
         let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.numbers(rows, marks)).transpose()?;
-        [reading.head, reading.board] = self.telemetry()?;
+        [reading.head, reading.board] = self.temperature()?;
         let rows = &self.rows;
         let (a, g) = reading.pulses.split_at_mut(AXES);
         let (negative_a, negative_g) = reading.negative.split_at_mut(AXES);
@@ -289,11 +289,11 @@ impl TextSource {
         }
     }
 
-    /// The telemetry of heads and boards of the current row.
+    /// The temperature of heads and boards of the current row.
     #[inline]
-    fn telemetry(&mut self) -> Result<[[f64; 2 * AXES]; 2], RowRefusal> {
+    fn temperature(&mut self) -> Result<[[f64; 2 * AXES]; 2], RowRefusal> {
         let (rows, marks) = (&self.rows, &mut self.marks);
-        let (columns, linear, is_seen) = match &mut self.columns.telemetry {
+        let (columns, linear, is_seen) = match &mut self.columns.temperature {
             TextTemperature::Constant(constant) => return Ok([[*constant; _]; 2]),
             TextTemperature::Columns(columns, linear, is_seen) => (columns, linear, is_seen),
         };

@@ -35,7 +35,7 @@ pub struct Linear {
     pub offset: f64,
 }
 
-/// What telemetry of an IMU is, with a wide margin \[degC\].
+/// What temperature of an IMU is, with a wide margin \[degC\].
 const CREDIBLE: core::ops::Range<f64> = -150.0..250.0;
 
 impl Linear {

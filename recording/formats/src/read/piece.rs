@@ -151,7 +151,7 @@ fn row_of(values: &[Option<u64>], number: u64, rule: &mut SequenceRule) -> Resul
     for (index, value) in values.iter().enumerate().take(RAW.len()) {
         value.iter().for_each(|value| store(&mut sample, index, *value));
     }
-    // Without gyroscopes the file may still have columns for their lagged telemetry.
+    // Without gyroscopes the file may still have columns for their lagged temperature.
     if values[GYROSCOPES].is_none() {
         sample.gyroscopes = Triad::ABSENT;
     }
@@ -217,7 +217,7 @@ impl PieceSource {
         }
     }
 
-    /// Whether the last row has lagged telemetry.
+    /// Whether the last row has lagged temperature.
     pub(super) fn has_lag(&self) -> bool {
         match self {
             Self::Csv(reader) => reader.samples().has_lag(),

@@ -89,12 +89,12 @@ pub(crate) fn read(path: &Path, choice: ImuChoice) -> Result<Vec<RawSample>, Fai
 
 pub(crate) fn bits(samples: &[RawSample]) -> Vec<String> {
     let triad = |triad: &Triad| {
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        let temperature = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
         format!(
             "{:?} {:?} {:?}",
             triad.positive_pulses,
             triad.negative_pulses,
-            telemetry.map(|of| of.map(f64::to_bits))
+            temperature.map(|of| of.map(f64::to_bits))
         )
     };
     let text = |s: &RawSample| {
@@ -111,8 +111,8 @@ pub(crate) fn bits(samples: &[RawSample]) -> Vec<String> {
 fn with_one_nan(samples: &[RawSample]) -> Vec<RawSample> {
     let mut samples = samples.to_vec();
     for triad in samples.iter_mut().flat_map(|raw| [&mut raw.accelerometers, &mut raw.gyroscopes]) {
-        let telemetry = [&mut triad.head_temperature, &mut triad.board_temperature, &mut triad.head_lagged];
-        telemetry.into_iter().flatten().filter(|value| value.is_nan()).for_each(|value| *value = f64::NAN);
+        let temperature = [&mut triad.head_temperature, &mut triad.board_temperature, &mut triad.head_lagged];
+        temperature.into_iter().flatten().filter(|value| value.is_nan()).for_each(|value| *value = f64::NAN);
     }
     samples
 }

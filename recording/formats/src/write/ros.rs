@@ -1,4 +1,4 @@
-//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the telemetry is
+//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the temperature is
 //! in degC.
 //!
 //! An increment over its interval is a mean: `linear_acceleration = velocity_increment / interval` \[m/s2\], the
@@ -54,7 +54,7 @@ impl RosTable {
         &self.imu
     }
 
-    /// Whether its telemetry is in degC, and becomes messages.
+    /// Whether its temperature is in degC, and becomes messages.
     #[must_use]
     pub const fn is_celsius(&self) -> bool {
         self.is_celsius
@@ -134,7 +134,7 @@ impl<W: Write> RosWriter<W> {
         Ok(Self { writer, tables: tables.to_vec(), imus, message: Vec::new() })
     }
 
-    /// Writes a row: an increment as an Imu, the head telemetry of a raw sample as a Temperature.
+    /// Writes a row: an increment as an Imu, the head temperature of a raw sample as a Temperature.
     ///
     /// # Errors
     /// Those of the sink; if the time is after 2038, which ROS cannot say.

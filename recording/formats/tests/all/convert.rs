@@ -213,7 +213,7 @@ fn faults_of_the_mapping_are_reported_together() {
 }
 
 #[test]
-fn telemetry_is_of_one_three_or_six_columns_or_a_constant() {
+fn temperature_is_of_one_three_or_six_columns_or_a_constant() {
     let of = |temperature: &str, gyroscopes: bool| {
         let gyroscope = "[gyroscope]\ncolumns = [\"d\", \"e\", \"f\"]\nkind = \"reading\"\n";
         let mapping = MAPPING.replace("constant = 25", temperature) + if gyroscopes { gyroscope } else { "" };
@@ -223,9 +223,9 @@ fn telemetry_is_of_one_three_or_six_columns_or_a_constant() {
     let same = |triad: [f64; 3]| (triad, triad);
     assert_eq!(of("constant = -3.5", true), [same([-3.5; 3]), same([-3.5; 3])]);
     assert_eq!(of("columns = \"b\"", true), [same([11.0; 3]), same([11.0; 3])]);
-    // An IMU without gyroscopes has none: their telemetry is NaN.
+    // An IMU without gyroscopes has none: their temperature is NaN.
     let [accelerometers, (head, board)] = of("columns = \"b\"", false);
-    assert!(accelerometers == same([11.0; 3]) && head.iter().chain(&board).all(|telemetry| telemetry.is_nan()));
+    assert!(accelerometers == same([11.0; 3]) && head.iter().chain(&board).all(|temperature| temperature.is_nan()));
     assert_eq!(of("columns = [\"c\", \"b\", \"a\"]", true), [same([12.0, 11.0, 10.0]), same([12.0, 11.0, 10.0])]);
     let six = "columns = [\"a\", \"b\", \"c\", \"d\", \"e\", \"f\"]";
     assert_eq!(of(six, true), [same([10.0, 11.0, 12.0]), same([13.0, 14.0, 15.0])]);

@@ -407,8 +407,8 @@ fn lines_of_json_are_a_dataflash_log() {
     assert!(more.contains("1 lines are no messages of the log, the first is line 11"), "{more}");
     assert!(more.contains("1 rows of IMU 1 have no temperature, the first is at line 21"), "{more}");
     // A telemetry log is none of the autopilot's own.
-    let telemetry = "{\"meta\": {\"type\": \"SCALED_IMU2\", \"timestamp\": 1.5}, \"data\": {\"xacc\": 1}}\n";
-    let (exit, message) = refused(telemetry.as_bytes(), "json", &Settings::default());
+    let temperature = "{\"meta\": {\"type\": \"SCALED_IMU2\", \"timestamp\": 1.5}, \"data\": {\"xacc\": 1}}\n";
+    let (exit, message) = refused(temperature.as_bytes(), "json", &Settings::default());
     assert!(exit == Exit::Data && message.contains("a telemetry log of MAVLink; as lines of JSON"), "{message}");
 }
 

@@ -90,7 +90,7 @@ fn one_row_with_a_bad_stamp_gets_the_time_between_its_neighbours() {
 
 /// They have no usual step: a gap is one, and what goes back is refused.
 #[test]
-fn in_a_handful_of_rows_no_stamp_is_mended() {
+fn in_a_handful_of_rows_no_stamp_is_fixed() {
     let text = |times: &[&str]| -> String {
         let row = |time: &&str| format!("{time},1.5,0.1,9.8\n");
         format!("t,x,y,z\n{}", times.iter().map(row).collect::<String>())
@@ -174,7 +174,7 @@ fn rows_of_which_over_one_in_a_hundred_has_a_bad_stamp_are_refused_with_a_remedy
     assert!(message.starts_with("in.csv:52: 17 of 1500 rows have bad stamps: 17 the stamp 0; the first is line 52"));
     assert!(
         message.ends_with(
-            "over 1 %, so the times cannot be mended; give --time rate --interval S for rows that \
+            "over 1 %, so the times cannot be fixed; give --time rate --interval S for rows that \
                                are S seconds apart"
         ),
         "{message}"
@@ -280,7 +280,7 @@ fn a_bag_without_stamps_is_refused_and_converted_by_its_log() {
 }
 
 #[test]
-fn bad_stamps_of_a_bag_are_mended_with_the_temperature_of_their_time() {
+fn bad_stamps_of_a_bag_are_fixed_with_the_temperature_of_their_time() {
     let mut bag = Bag::new();
     for number in 0..1000 {
         if number % 100 == 0 {

@@ -151,7 +151,7 @@ fn count(told: &str, words: &str) -> usize {
 
 #[test]
 fn rows_keep_their_true_times_or_are_left_out_and_counted() {
-    let (mut mended, mut left) = (0, 0);
+    let (mut fixed, mut left) = (0, 0);
     for seed in 0..600 {
         let Series { times, rows, bad, period, copies } = series(&mut Random(seed));
         let (samples, told) = convert(&rows).unwrap_or_else(|message| panic!("{seed}: {message}"));
@@ -176,10 +176,10 @@ fn rows_keep_their_true_times_or_are_left_out_and_counted() {
         );
         assert_eq!(twice, copies, "{seed}\n{told}");
         assert_eq!(samples.len() + twice + lost, rows.len(), "{seed}\n{told}");
-        mended += bad.len();
+        fixed += bad.len();
         left += lost;
     }
-    assert!(mended > 4000 && left * 5 < mended, "{mended} {left}");
+    assert!(fixed > 4000 && left * 5 < fixed, "{fixed} {left}");
 }
 
 #[test]

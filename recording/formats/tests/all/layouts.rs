@@ -1,5 +1,5 @@
 //! Which columns a recording has: those of files that exist already, those of an IMU with gyroscopes or a lag, and what
-//! happens when they come late. And the lagged telemetry of recordings that have none.
+//! happens when they come late. And the lagged temperature of recordings that have none.
 
 use isotherm_files::{Disk, sources};
 use isotherm_recording::Progress;
@@ -44,12 +44,12 @@ fn table(name: &str) -> CoefficientTable {
 /// What can be compared: NaN is not equal to itself.
 fn bits(raw: &RawSample) -> String {
     let triad = |triad: &Triad| {
-        let telemetry = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
+        let temperature = [triad.head_temperature, triad.board_temperature, triad.head_lagged];
         format!(
             "{:?} {:?} {:?}",
             triad.positive_pulses,
             triad.negative_pulses,
-            telemetry.map(|of| of.map(f64::to_bits))
+            temperature.map(|of| of.map(f64::to_bits))
         )
     };
     let RawSample { session, sequence, timestamp_ns, interval_ns, telemetry_ns, lag_ns, device, .. } = raw;
@@ -401,7 +401,7 @@ fn each_imu_of_a_file_has_its_own_columns() {
     assert_increments(&path, "imu-g", &table_g, &whole[..40]);
 }
 
-/// Writes the run of the whole IMU without its lagged telemetry.
+/// Writes the run of the whole IMU without its lagged temperature.
 fn without_lag(folder: &Path, format: Format, name: &str, samples: &[RawSample]) -> PathBuf {
     let path = folder.join(name);
     let mut recorder = Recorder::new(&path, format, &["imu-g"]);
@@ -415,7 +415,7 @@ fn without_lag(folder: &Path, format: Format, name: &str, samples: &[RawSample])
 fn the_lag_of_a_recording_without_one_is_computed() {
     const LAG_NS: u64 = 240_000_000_000;
     let folder = TempDir::new().unwrap();
-    // Two sessions, each with telemetry every 20 samples.
+    // Two sessions, each with temperature every 20 samples.
     let mut samples = run("run-g.csv");
     samples.truncate(1000);
     samples[500..].iter_mut().for_each(|raw| raw.session = 1);

@@ -299,7 +299,7 @@ fn temperatures_have_a_scale_and_then_an_offset() {
     let (samples, scale, _) = converted(&text, &mapping);
     let found = [0, 1].map(|row| samples[row].gyroscopes.head_temperature[2]);
     assert!((found[0] - 26.53).abs() < 1e-6 && (found[1] - 38.53).abs() < 1e-6, "{found:?}");
-    assert!((scale.telemetry[0] - 26.53).abs() < 1e-6 && (scale.telemetry[1] - 38.53).abs() < 1e-6);
+    assert!((scale.temperature[0] - 26.53).abs() < 1e-6 && (scale.temperature[1] - 38.53).abs() < 1e-6);
     // The offset of counts, as the sensors have it: taken off before the scale.
     let counts = mapping.replace("36.53", "-12420");
     let (samples, _, notes) = converted(&text, &counts);

@@ -203,8 +203,8 @@ impl Expected {
     /// Adds what the table says of a sensor.
     fn add(&mut self, index: usize, table: &CoefficientTable, axis: &Axis, raw: &RawSample, triad: &Triad) {
         let (head, board) = (triad.head_temperature[index], triad.board_temperature[index]);
-        let below = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry < p.range()[0];
-        let above = |p: &Polynomial, telemetry: f64| telemetry.is_finite() && telemetry > p.range()[1];
+        let below = |p: &Polynomial, temperature: f64| temperature.is_finite() && temperature < p.range()[0];
+        let above = |p: &Polynomial, temperature: f64| temperature.is_finite() && temperature > p.range()[1];
         let scale_factors = [&axis.positive_scale_factor, &axis.negative_scale_factor];
         let sides = [
             (below(&axis.bias, head), Flags::head_below(index)),

@@ -31,7 +31,7 @@ fn read(source: impl Read) -> (Vec<RawSample>, Option<String>) {
     (samples, result.err().map(|error| error.to_string()))
 }
 
-/// The integers, the counters and the telemetry of a sample.
+/// The integers, the counters and the temperature of a sample.
 type Bits = ([u64; 7], [[[u32; 3]; 2]; 2], [[[u64; 3]; 3]; 2]);
 
 /// All fields of a sample as bits; all NaNs are written alike, so they get the same bits.

@@ -7,7 +7,7 @@ use isotherm_tests::{TestDomain, metrics_page, text, wait_until};
 use std::fs;
 use std::net::TcpListener;
 
-/// Another unit's number.
+/// Another device's number.
 const fn other(emulator: Emulator) -> &'static str {
     match emulator {
         Emulator::Stim300 | Emulator::Stim300Rate => "N25582405002999",
@@ -80,7 +80,7 @@ fn replug(domain: &TestDomain, acquire: &Acquire, device: Device, serial: &str, 
 }
 
 #[test]
-fn samples_of_another_unit_in_flight_go_out_under_its_own_number() {
+fn samples_of_another_device_in_flight_go_out_under_its_own_number() {
     let domain = TestDomain::new();
     let (ours, theirs) = (Emulator::Vn100.serial(), other(Emulator::Vn100));
     describe_unit(&domain, Emulator::Vn100, ours);
@@ -128,7 +128,7 @@ fn samples_of_another_unit_in_flight_go_out_under_its_own_number() {
 }
 
 #[test]
-fn samples_of_another_unit_are_held_if_so_described() {
+fn samples_of_another_device_are_held_if_so_described() {
     let domain = TestDomain::new();
     let (ours, theirs) = (Emulator::Vn100.serial(), other(Emulator::Vn100));
     let hold = "[identity]\non_other = \"hold\"";
@@ -226,7 +226,7 @@ fn devices_are_set_up_as_the_profiles_say_and_keep_nothing_for_good() {
         assert!(log.contains(&format!("the device is {ours}")), "{log}");
         assert!(!device.0.log().contains("kept for good"), "{}", device.0.log());
         device.0.terminate();
-        // Another unit is not set up.
+        // Another device is not set up.
         let orders = ["--frames", ENDLESS, "--output", "new", "--serial", other(emulator)];
         let device = Device::start(&domain, emulator, &orders);
         let output = domain.run(&["acquire", "source.toml", "--dry-run", "--rows", "1"]);

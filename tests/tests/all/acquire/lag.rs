@@ -49,7 +49,7 @@ pub(super) fn note(domain: &TestDomain) -> PathBuf {
 #[test]
 fn a_killed_acquisition_goes_on_with_its_lag() {
     const TAU_S: f64 = 20.0;
-    /// The telemetry is a staircase of these steps \[degC\], and straight only in the gaps.
+    /// The temperature is a staircase of these steps \[degC\], and straight only in the gaps.
     const STEP: f64 = 1.0 / 256.0;
     let domain = TestDomain::new();
     let service = serve(&domain, TAU_S);
@@ -81,13 +81,13 @@ fn a_killed_acquisition_goes_on_with_its_lag() {
             (0..6).for_each(|sensor| reference.read(sensor, temperature, time as u64));
         }
         frames = number(raw) + 1..;
-        let LaggedReading { telemetry, lagged, .. } = reference.sensors[0].unwrap();
+        let LaggedReading { temperature, lagged, .. } = reference.sensors[0].unwrap();
         let own = raw.accelerometers.head_lagged[0];
-        assert_eq!(raw.accelerometers.head_temperature[0], telemetry);
+        assert_eq!(raw.accelerometers.head_temperature[0], temperature);
         assert!((own - lagged).abs() < STEP, "{own}, not {lagged} at {raw:?}");
     }
     // A restart that took it to be soaked would be seen.
-    let behind = reference.sensors[0].map(|last| last.telemetry - last.lagged).unwrap();
+    let behind = reference.sensors[0].map(|last| last.temperature - last.lagged).unwrap();
     assert!(behind > 10.0 * STEP, "{behind}");
     // What it records itself replays to the same.
     let own = recorded(&domain, "acquired2.csv");

@@ -60,7 +60,7 @@ fn from_a_plan_to_an_installed_table_and_back() {
     let page = text(&laboratory.file("live.html"));
     assert!(page.contains("all data are taken") && page.contains("</svg>") && !page.contains("http-equiv=\"refresh\""));
     let mut events = laboratory.events_on_page();
-    // The ends of the range too are not judged, if the telemetry has lagged behind the chamber.
+    // The ends of the range too are not judged, if the temperature has lagged behind the chamber.
     events.dedup_by(|a, b| a == b && a == "not judged");
     assert_eq!(events, ["start", "start", "end", "fit", "verified", "verified", "not judged", "installed"]);
     // A second run has nothing to do and does not touch the instruments.
@@ -138,9 +138,9 @@ fn what_is_in_force_is_not_replaced(laboratory: &TestLaboratory, installed: &str
     // Without --require nothing is installed, whatever is in force.
     let domain = &laboratory.domain;
     for (in_force, wanted) in [
-        ("junk".to_owned(), "cannot be compared with; mend it"),
+        ("junk".to_owned(), "cannot be compared with; fix it"),
         (installed.replace("imu-a", "imu-b"), "is the table of imu-b, the plan is for imu-a"),
-        (installed.replace("unit = \"V\"", "unit = \"degC\""), "takes telemetry in degC, the plan is for V"),
+        (installed.replace("unit = \"V\"", "unit = \"degC\""), "takes temperature in degC, the plan is for V"),
     ] {
         // Another content has another digest.
         let in_force: String = in_force.split_inclusive('\n').filter(|line| !line.starts_with("digest = ")).collect();

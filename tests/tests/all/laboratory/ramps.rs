@@ -99,7 +99,7 @@ fn killed_in_ramps_it_ends_with_the_lag_of_the_truth() {
         assert!(!laboratory.file(&format!("ramp-{}.csv", ramp + 1)).is_empty(), "it is being written");
     }
     // Without its transient A1 is off by 100e-6 g0 at this rate, each way. The runs are off by 50e-6 g0: in the middle
-    // of a row the telemetry is some seconds old, for the scale factors too.
+    // of a row the temperature is some seconds old, for the scale factors too.
     let require = ["--require", "bias=80ug0,scale=100ppm,level=20arcsec"];
     let output = laboratory.run(&[&["--calibrate", "--alignment"], &require[..]].concat());
     let said = text(&output.stderr);

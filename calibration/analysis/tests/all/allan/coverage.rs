@@ -68,16 +68,16 @@ fn ranges_hold_the_truth_in_90_of_100_records() {
     }
 }
 
-/// A telemetry that rises all the time, and has no influence, is rarely taken for one, even beside a random walk.
+/// A temperature that rises all the time, and has no influence, is rarely taken for one, even beside a random walk.
 /// Without a test of the slope it is in 30 to 90 of 200 such records.
 #[test]
-fn telemetry_without_influence_contaminates_little() {
-    let telemetry: Vec<f64> = (0..4096).map(f64::from).collect();
+fn temperature_without_influence_contaminates_little() {
+    let temperature: Vec<f64> = (0..4096).map(f64::from).collect();
     for truth in &TRUTHS {
         let contaminated = (0..40).filter(|seed| {
-            let rates = rates(truth, telemetry.len(), *seed);
+            let rates = rates(truth, temperature.len(), *seed);
             let raw = Allan::of(&rates, 1.0).unwrap();
-            TemperatureLine::of(&rates, &telemetry, 1.0, &raw).unwrap().contaminated_from_s.is_some()
+            TemperatureLine::of(&rates, &temperature, 1.0, &raw).unwrap().contaminated_from_s.is_some()
         });
         let contaminated = contaminated.count();
         assert!(contaminated <= 4, "{truth:?}: {contaminated} of 40");

@@ -257,7 +257,7 @@ fn white_noise_is_white_over_all_times() {
     assert!(of_left.len() > 15 && (mean - 1.0).abs() < 0.02, "{mean}");
 }
 
-/// A knock, telemetry and repeated values are seen beside gaps.
+/// A knock, temperature and repeated values are seen beside gaps.
 #[test]
 fn what_is_looked_for_is_found_beside_gaps() {
     let mut rows = white(5000);

@@ -237,7 +237,7 @@ fn temperature_contaminates_what_a_line_explains() {
             .iter()
             .any(|finding| finding.message.starts_with("A1: contaminated by the temperature from tau = "))
     );
-    // Telemetry that never changes, or is not a number, has no line.
+    // Temperature that never changes, or is not a number, has no line.
     rows.iter_mut().for_each(|row| row.accelerometers.head_temperature = [25.0, f64::NAN, 25.0]);
     let found = NoiseAnalysis::of(&rows, None, ALL).unwrap();
     assert!(found.sensors.iter().all(|sensor| sensor.line.is_none()));

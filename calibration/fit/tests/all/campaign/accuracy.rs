@@ -53,7 +53,7 @@ fn the_campaign_with_a_known_truth() {
 }
 
 #[test]
-fn the_steps_of_the_telemetry_are_in_the_figure_and_are_no_soak() {
+fn the_steps_of_the_temperature_are_in_the_figure_and_are_no_soak() {
     const STEP: f64 = 0.03;
     let truth = truth(TILT_RAD, 9.8015);
     let schedule = CampaignSchedule { noise: quiet(), ..CampaignSchedule::default() };

@@ -212,8 +212,8 @@ fn motion_in_a_dwell_is_not_a_wrong_angle() {
     assert!(with_rows(disturb, options(&[name::NOT_STILL])).is_ok());
 }
 
-/// The rows of one unit below 20 degC, and of another from there on.
-fn two_units(set_points_c: &[f64], other: &Truth, order: Option<usize>) -> Result<Calibration, Vec<String>> {
+/// The rows of one device below 20 degC, and of another from there on.
+fn two_devices(set_points_c: &[f64], other: &Truth, order: Option<usize>) -> Result<Calibration, Vec<String>> {
     let truth = paper_truth(TILT_RAD, 9.8015);
     let schedule = CampaignSchedule { set_points_c: set_points_c.to_vec(), ..CampaignSchedule::default() };
     let own = campaign(&truth, &schedule, 1).filter(|row| row.set_point_c < 20.0);
@@ -225,15 +225,14 @@ fn two_units(set_points_c: &[f64], other: &Truth, order: Option<usize>) -> Resul
 }
 
 #[test]
-fn another_unit_from_a_set_point_on_is_no_wrong_angle() {
+fn another_device_from_a_set_point_on_is_no_wrong_angle() {
     let seven: Vec<f64> = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();
     for seed in 1..=6 {
         let other = Truth::varied(paper().content(), seed).unwrap();
         for (set_points_c, order) in [(&seven[..], None), (&[-20.0, 0.0, 20.0][..], Some(0))] {
-            let lines = two_units(set_points_c, &other, order).unwrap_err();
+            let lines = two_devices(set_points_c, &other, order).unwrap_err();
             println!("{}", lines[0]);
-            let first =
-                "fault [other-unit]: from set point 20 degC on the rows are of another unit: misalignments differ by ";
+            let first = "fault [device-changed]: from set point 20 degC on the rows are of another device: misalignments differ by ";
             assert!(lines[0].starts_with(first), "{seed}: {lines:#?}");
             assert!(!lines.iter().any(|line| line.contains("correct its angles")), "{lines:#?}");
         }
@@ -242,10 +241,10 @@ fn another_unit_from_a_set_point_on_is_no_wrong_angle() {
     let m = isotherm_simulation::MISALIGNMENT;
     let turned = Matrix3::new(0.0, 1e-3, 4e-4, -1e-3, 0.0, -3e-4, -4e-4, 3e-4, 0.0);
     let moved = Truth::new(paper().content().clone(), m + turned, TILT_RAD, 9.8015).unwrap();
-    let lines = two_units(&seven, &moved, None).unwrap_err();
+    let lines = two_devices(&seven, &moved, None).unwrap_err();
     assert!(lines[0].contains("from set point 20 degC on the IMU was turned on its fixture"), "{lines:#?}");
     // Itself.
-    assert!(two_units(&seven, &paper_truth(TILT_RAD, 9.8015), None).is_ok());
+    assert!(two_devices(&seven, &paper_truth(TILT_RAD, 9.8015), None).is_ok());
 }
 
 #[test]
@@ -260,7 +259,7 @@ fn exchanged_set_points_are_named_with_the_remedy() {
         }
     };
     let calibration = with_rows(exchange, options(&[])).unwrap();
-    let order = calibration.findings.iter().find(|finding| finding.name == name::TELEMETRY_ORDER).unwrap();
+    let order = calibration.findings.iter().find(|finding| finding.name == name::TEMPERATURE_ORDER).unwrap();
     let words = "-20 and 40 degC look exchanged; exchange them in the samples' column set_point_c";
     assert!(order.message.ends_with(words), "{order}");
 }
@@ -285,10 +284,11 @@ fn a_file_of_angles_alone_is_told_which_angle_is_off() {
 fn a_broken_reading_cannot_be_accepted() {
     for value in [1e6, -40.0, 1e18] {
         let broken = |rows: &mut Vec<SimulatedRow>| rows[5].raw.accelerometers.head_temperature[1] = value;
-        let error = with_rows(broken, options(&[name::TELEMETRY_DRIFT])).unwrap_err();
+        let error = with_rows(broken, options(&[name::TEMPERATURE_DRIFT])).unwrap_err();
         let found = error.lines(false, |finding| finding.tagged(|line| line.to_string()));
-        let words =
-            format!("fault [telemetry-reading]: 7: set point -20 degC, position 1: a2_head reads {value:?}, and 1.32");
+        let words = format!(
+            "fault [temperature-reading]: 7: set point -20 degC, position 1: a2_head reads {value:?}, and 1.32"
+        );
         assert!(found[0].starts_with(&words) && error.acceptable().is_empty(), "{found:?}");
     }
 }

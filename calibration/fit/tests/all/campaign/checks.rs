@@ -158,7 +158,7 @@ fn motion_wrong_positions_and_saturation_are_faults() {
 }
 
 #[test]
-fn time_soak_and_telemetry_are_checked() {
+fn time_soak_and_temperature_are_checked() {
     let (has_table, text) = findings(|rows| rows[700].raw.timestamp_ns = rows[699].raw.timestamp_ns, |_| {}, &[]);
     assert!(!has_table && text.contains("line 702: ") && text.contains("time must rise"), "{text}");
     let (has_table, text) = findings(|rows| rows[1].raw.interval_ns *= 10, |_| {}, &[]);
@@ -250,7 +250,7 @@ fn only_consecutive_rows_tell_the_interval() {
     assert_eq!(check(&thin), (true, vec![name::MISSING_ROWS]));
     let sums = |rows: &mut Vec<SimulatedRow>| each(rows, &|row| row.raw.sequence *= 100);
     assert_eq!(check(&sums), (true, vec![]));
-    // In sums too, a unit's factor is no gap.
+    // In sums too, a device's factor is no gap.
     let sums_in_us = |rows: &mut Vec<SimulatedRow>| {
         each(rows, &|row| {
             (row.raw.sequence, row.raw.interval_ns) = (row.raw.sequence * 100, row.raw.interval_ns / 1000);
@@ -332,7 +332,7 @@ fn dead_channels_are_one_line_with_the_remedy() {
     for (channels, expected) in [
         (
             &[(0, true), (0, false), (2, true), (2, false)][..],
-            "A1 and A3 give no pulse in the whole campaign: mend what",
+            "A1 and A3 give no pulse in the whole campaign: fix what",
         ),
         (&[(0, true), (0, false), (1, true), (1, false), (2, true), (2, false)], "A1, A2 and A3 give no pulse"),
         (&[(0, true), (1, false)], "the + channel of A1 and the - channel of A2 give no pulse"),

@@ -12,7 +12,7 @@ pub(crate) fn paper() -> CoefficientTable {
     CoefficientTable::from_toml(include_str!("../../../../../examples/tables/imu-paper.toml"), None).unwrap()
 }
 
-/// Noise of the telemetry and the sensors only: turntable angles are exact, and visits of a set point repeat exactly.
+/// Noise of the temperature and the sensors only: turntable angles are exact, and visits of a set point repeat exactly.
 pub(crate) fn quiet() -> Noise {
     Noise { bias_g0: 0.0, scale_factor: 0.0, positioning_rad: 0.0, ..Noise::default() }
 }
@@ -58,7 +58,7 @@ pub(crate) fn paper_truth(tilt: [f64; 2], gravity: f64) -> Truth {
     Truth::new(paper().content().clone(), MISALIGNMENT, tilt, gravity).unwrap()
 }
 
-/// A campaign without noise; only telemetry and pulses are quantised.
+/// A campaign without noise; only temperature and pulses are quantised.
 pub(crate) fn noiseless(positions: Vec<Position>) -> CampaignSchedule {
     CampaignSchedule { positions, noise: Noise::NONE, ..CampaignSchedule::default() }
 }

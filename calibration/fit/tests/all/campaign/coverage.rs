@@ -31,9 +31,9 @@ fn hits(campaigns: u64) -> Vec<(String, u32)> {
             for ((name, curve), (polynomial, unit)) in ["A", "K+", "K-"].iter().zip(&part.curves).zip(polynomials) {
                 let [low, high] = curve.range();
                 for place in [0.0, 0.25, 0.5, 0.9] {
-                    let telemetry = low + place * (high - low);
-                    let error = curve.at(telemetry) - polynomial.at(telemetry) * unit;
-                    let inside = error.abs() <= curve.interval(telemetry, LEVEL).unwrap();
+                    let temperature = low + place * (high - low);
+                    let error = curve.at(temperature) - polynomial.at(temperature) * unit;
+                    let inside = error.abs() <= curve.interval(temperature, LEVEL).unwrap();
                     count(format!("{axis_name} {name} at {place:.2}"), inside);
                 }
             }

@@ -36,7 +36,7 @@ fn rows(truth: &Truth, schedule: &CampaignSchedule) -> Vec<SimulatedRow> {
     campaign(truth, schedule, 5).collect()
 }
 
-/// Calibrates rows whose telemetry is in `unit`.
+/// Calibrates rows whose temperature is in `unit`.
 fn table_of(
     unit: &str,
     truth: &Truth,
@@ -57,7 +57,7 @@ fn table_of(
     })
 }
 
-fn telemetry(raw: &mut RawSample, change: impl Fn(f64) -> f64) {
+fn temperature(raw: &mut RawSample, change: impl Fn(f64) -> f64) {
     for value in raw.accelerometers.head_temperature.iter_mut().chain(&mut raw.accelerometers.board_temperature) {
         *value = change(*value);
     }
@@ -68,21 +68,21 @@ fn at(set_points_c: impl IntoIterator<Item = f64>) -> CampaignSchedule {
     CampaignSchedule { set_points_c: set_points_c.into_iter().collect(), ..usual() }
 }
 
-/// A campaign whose telemetry is read otherwise.
+/// A campaign whose temperature is read otherwise.
 fn read_as(unit: &str, schedule: &CampaignSchedule, change: fn(f64) -> f64) -> Result<Calibration, String> {
     let truth = truth(1.0);
     let mut rows = rows(&truth, schedule);
-    rows.iter_mut().for_each(|row| telemetry(&mut row.raw, change));
+    rows.iter_mut().for_each(|row| temperature(&mut row.raw, change));
     table_of(unit, &truth, schedule, rows)
 }
 
-/// The names of the warnings about telemetry.
-fn about_telemetry(calibration: &Calibration) -> Vec<&'static str> {
+/// The names of the warnings about temperature.
+fn about_temperature(calibration: &Calibration) -> Vec<&'static str> {
     let names = calibration.findings.iter().map(|finding| finding.name);
-    names.filter(|name| name.starts_with("telemetry") || *name == name::SET_POINT).collect()
+    names.filter(|name| name.starts_with("temperature") || *name == name::SET_POINT).collect()
 }
 
-/// Temperature of the usual telemetry \[degC\].
+/// Temperature of the usual temperature \[degC\].
 fn celsius(volts: f64) -> f64 {
     (volts - 2.1) / 0.04
 }
@@ -94,21 +94,24 @@ fn thermistor(volts: f64) -> f64 {
 }
 
 #[test]
-fn telemetry_may_be_in_any_unit_and_fall() {
+fn temperature_may_be_in_any_unit_and_fall() {
     let none: [&str; 0] = [];
     for unit in ["kΩ", "kOhm", "k"] {
-        assert_eq!(about_telemetry(&read_as(unit, &usual(), thermistor).unwrap()), none, "{unit}");
+        assert_eq!(about_temperature(&read_as(unit, &usual(), thermistor).unwrap()), none, "{unit}");
     }
     let counts = read_as("counts", &usual(), |volts| 65535.0 - (volts / 5.0 * 65535.0).round()).unwrap();
-    assert_eq!(about_telemetry(&counts), none);
+    assert_eq!(about_temperature(&counts), none);
     for (unit, change) in
         [("mV", (|volts| volts * 1000.0) as fn(f64) -> f64), ("1/K", |volts| (celsius(volts) + 273.15).recip())]
     {
-        assert_eq!(about_telemetry(&read_as(unit, &usual(), change).unwrap()), none, "{unit}");
+        assert_eq!(about_temperature(&read_as(unit, &usual(), change).unwrap()), none, "{unit}");
     }
     // 1/100 degC, and a small c for counts.
     for unit in ["degC/100", "c"] {
-        assert_eq!(about_telemetry(&read_as(unit, &usual(), |volts| (celsius(volts) * 100.0).round()).unwrap()), none);
+        assert_eq!(
+            about_temperature(&read_as(unit, &usual(), |volts| (celsius(volts) * 100.0).round()).unwrap()),
+            none
+        );
     }
 }
 
@@ -120,39 +123,39 @@ fn the_steps_of_a_thermistor_may_differ_by_orders_of_magnitude() {
         let chain = Chain { oscillation_c, ..Chain::default() };
         let calibration = read_as("Ohm", &CampaignSchedule { chain, ..schedule }, thermistor).unwrap();
         // At the hot end steps are small, and no set point was missed.
-        assert!(!about_telemetry(&calibration).contains(&name::SET_POINT), "{:?}", calibration.findings);
+        assert!(!about_temperature(&calibration).contains(&name::SET_POINT), "{:?}", calibration.findings);
     }
 }
 
 #[test]
-fn telemetry_may_have_few_digits() {
+fn temperature_may_have_few_digits() {
     let whole: fn(f64) -> f64 = |volts| celsius(volts).round();
-    assert!(about_telemetry(&read_as("degC", &usual(), whole).unwrap()).is_empty());
+    assert!(about_temperature(&read_as("degC", &usual(), whole).unwrap()).is_empty());
     for step in [0.5, 1.0, 2.0] {
         let schedule = at((0..7).map(|k| 20.0 + step * f64::from(k)));
         let calibration = read_as("degC", &schedule, whole).unwrap();
-        let expected: &[_] = if step < 2.0 { &[name::TELEMETRY_DRIFT] } else { &[] };
-        assert_eq!(about_telemetry(&calibration), expected, "{step}");
+        let expected: &[_] = if step < 2.0 { &[name::TEMPERATURE_DRIFT] } else { &[] };
+        assert_eq!(about_temperature(&calibration), expected, "{step}");
     }
     // A reading that is broken, and a sensor that is lost, are seen in whole degrees too.
     let truth = truth(1.0);
     let refused = |change: fn(usize, &mut SimulatedRow)| {
         let mut rows = rows(&truth, &usual());
         for (index, row) in rows.iter_mut().enumerate() {
-            telemetry(&mut row.raw, whole);
+            temperature(&mut row.raw, whole);
             change(index, row);
         }
         table_of("degC", &truth, &usual(), rows).unwrap_err()
     };
     let broken = refused(|index, row| row.raw.accelerometers.head_temperature[1] *= f64::from(u8::from(index != 5)));
     assert!(
-        broken.starts_with("fault [telemetry-drift]: 7: set point -20 degC, position 1: a2_head runs from"),
+        broken.starts_with("fault [temperature-drift]: 7: set point -20 degC, position 1: a2_head runs from"),
         "{broken}"
     );
     let lost = refused(|_, row| {
         row.raw.accelerometers.board_temperature[0] = row.raw.accelerometers.board_temperature[0].min(24.0);
     });
-    assert!(lost.starts_with("fault [telemetry-stuck]: ") && lost.contains("set point 30 degC"), "{lost}");
+    assert!(lost.starts_with("fault [temperature-repeated]: ") && lost.contains("set point 30 degC"), "{lost}");
 }
 
 #[test]
@@ -166,14 +169,14 @@ fn a_head_may_be_in_an_oven() {
             }
         }
         let calibration = table_of("degC", &truth, &usual, rows).unwrap();
-        assert_eq!(about_telemetry(&calibration), [name::TELEMETRY_OFFSET, name::TELEMETRY_DRIFT], "{digit}");
-        let one = calibration.findings.iter().find(|finding| finding.name == name::TELEMETRY_DRIFT).unwrap();
+        assert_eq!(about_temperature(&calibration), [name::TEMPERATURE_OFFSET, name::TEMPERATURE_DRIFT], "{digit}");
+        let one = calibration.findings.iter().find(|finding| finding.name == name::TEMPERATURE_DRIFT).unwrap();
         assert!(one.message.contains("(a1_head, a2_head, a3_head)") && one.message.contains("in an oven"), "{one}");
     }
     // Not a single digit moves: nothing tells that the sensor is connected.
     let mut rows = rows(&truth, &usual);
     rows.iter_mut().for_each(|row| row.raw.accelerometers.head_temperature[2] = 65.0);
-    assert!(table_of("degC", &truth, &usual, rows).unwrap_err().contains("fault [telemetry-constant]: a3_head"));
+    assert!(table_of("degC", &truth, &usual, rows).unwrap_err().contains("fault [temperature-constant]: a3_head"));
 }
 
 #[test]
@@ -212,7 +215,7 @@ fn a_good_converter_is_not_full() {
             axis.negative_scale_factor = flat(&axis.negative_scale_factor);
         }
         let flat = Truth::new(content, MISALIGNMENT, TILT_RAD, 9.8015).unwrap();
-        let noise = Noise { telemetry: 1e-4, ..Noise::NONE };
+        let noise = Noise { temperature: 1e-4, ..Noise::NONE };
         let schedule = CampaignSchedule { interval_ns: 60_000_000_000, dwell_s: 180.0, noise, ..usual() };
         let calibration = table_of("V", &flat, &schedule, rows(&flat, &schedule)).unwrap();
         alike += calibration.findings.iter().filter(|finding| finding.name == name::SATURATED).count();

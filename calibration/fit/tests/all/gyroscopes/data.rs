@@ -71,8 +71,8 @@ fn against_reference(found: &GyroscopeCalibration) -> [f64; 4] {
     for (axis, name) in GYROSCOPE_NAMES.into_iter().enumerate() {
         let (part, right) = (&found.solution.gyroscopes[axis], &reference["gyroscopes"][name]);
         let keys = [("head", "bias_deg_h"), ("board", "positive_scale_factor"), ("board", "negative_scale_factor")];
-        for (q, ((telemetry, key), curve)) in keys.into_iter().zip(&part.curves).enumerate() {
-            for (u, right) in numbers(&right[telemetry]).into_iter().zip(numbers(&right[key])) {
+        for (q, ((temperature, key), curve)) in keys.into_iter().zip(&part.curves).enumerate() {
+            for (u, right) in numbers(&right[temperature]).into_iter().zip(numbers(&right[key])) {
                 let error = (curve.at(u) - right).abs();
                 let (place, error) = if q == 0 { (0, error) } else { (1, error / right.abs() * 1e6) };
                 worst[place] = worst[place].max(error);

@@ -82,7 +82,7 @@ fn other_imus_in_other_laboratories() {
     }
 }
 
-/// The IMU's telemetry without resolution and noise, in a chamber that does not oscillate.
+/// The IMU's temperature without resolution and noise, in a chamber that does not oscillate.
 fn steady() -> Chain {
     Chain { oscillation_c: 0.0, telemetry_lsb_micro: 0, ..Chain::default() }
 }
@@ -148,7 +148,7 @@ fn the_accelerometers_do_not_depend_on_the_gyroscopes() {
     for (a, b) in run(&with, &schedule, 9).zip(run(&without, &schedule, 9)) {
         assert_eq!(a.accelerometers, b.accelerometers);
         assert_eq!(b.gyroscopes, Triad::ABSENT);
-        assert!(a.gyroscopes.head_temperature.iter().all(|telemetry| *telemetry > 1.0));
+        assert!(a.gyroscopes.head_temperature.iter().all(|temperature| *temperature > 1.0));
     }
 }
 

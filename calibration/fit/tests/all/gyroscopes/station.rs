@@ -22,7 +22,7 @@ const G0: f64 = 9.8015;
 /// Misalignment of the accelerometers.
 const ACCELEROMETERS: Matrix3<f64> = Matrix3::new(1.0, 2e-4, -1e-4, 3e-4, 1.0, 1e-4, -2e-4, 1e-4, 1.0);
 
-/// A cubic of telemetry \[V\].
+/// A cubic of temperature \[V\].
 pub(crate) type Cubic = [f64; 4];
 
 pub(crate) fn cubic(c: &Cubic, u: f64) -> f64 {
@@ -380,8 +380,8 @@ impl Station {
     }
 }
 
-/// Telemetry of head and board of a sensor (0 to 5) at a temperature.
-pub(crate) fn telemetry(sensor: usize, temperature: f64) -> [f64; 2] {
+/// Temperature of head and board of a sensor (0 to 5) at a temperature.
+pub(crate) fn head_and_board(sensor: usize, temperature: f64) -> [f64; 2] {
     let offset = sensor as f64 * 0.3;
     [1.1 + 0.04 * (temperature + 25.0 + offset), 1.26 + 0.04 * (temperature + 25.0 - offset)]
 }
@@ -474,7 +474,7 @@ impl Recorder<'_> {
     /// A sample without pulses.
     fn sample(&self, seconds: f64, temperature: f64) -> RawSample {
         let triad = |first: usize| {
-            let readings = [0, 1, 2].map(|axis| telemetry(first + axis, temperature));
+            let readings = [0, 1, 2].map(|axis| head_and_board(first + axis, temperature));
             Triad {
                 head_temperature: readings.map(|r| r[0]),
                 board_temperature: readings.map(|r| r[1]),

@@ -1,7 +1,7 @@
 //! What a simpler method gets wrong, each with its own data: integrated, without noise, with pulses of 0.02 arcsec. A
 //! method that falls into the trap is wrong by what stands beside it.
 
-use super::station::{Gyroscope, Station, TestTurn, six_turns, telemetry};
+use super::station::{Gyroscope, Station, TestTurn, head_and_board, six_turns};
 use isotherm_campaign::Scheme;
 use isotherm_fit::{CalibrationError, CalibrationOptions, Method, TriadObservability};
 use nalgebra::{Matrix3, Vector3};
@@ -198,9 +198,9 @@ fn only_positive_turns_are_refused_by_name() {
 }
 
 #[test]
-fn the_telemetry_of_the_generator_is_that_of_the_campaign() {
+fn the_temperature_of_the_generator_is_that_of_the_campaign() {
     // Guards the generator: heads and boards are apart, and cover 1.1 .. 3.9 V.
-    let [head, board] = telemetry(3, -25.0);
+    let [head, board] = head_and_board(3, -25.0);
     assert!((head - 1.136).abs() < 1e-12 && (board - 1.224).abs() < 1e-12);
     let Gyroscope { kp, kn, .. } = Station::new(1).gyroscopes[0];
     assert!(kp[0] > 0.8 && kn[0] < -0.8);

@@ -125,7 +125,7 @@ fn paper() -> CoefficientTable {
     CoefficientTable::from_toml(include_str!("../../../../../examples/tables/imu-paper.toml"), None).unwrap()
 }
 
-/// The IMU of `seed`, with telemetry in `unit`: 0 degC reads `zero`, and 1 degC is `slope`.
+/// The IMU of `seed`, with temperature in `unit`: 0 degC reads `zero`, and 1 degC is `slope`.
 pub(crate) fn truth_in(unit: &str, zero: f64, slope: f64, seed: u64) -> Truth {
     let mut content = paper().content().clone();
     // The published curves are over volts, 2.1 V + 0.04 V/degC.
@@ -162,7 +162,7 @@ pub(crate) fn case(truth: Truth, schedule: &CampaignSchedule, seed: u64) -> Case
     }
 }
 
-/// Seven set points, telemetry in volts.
+/// Seven set points, temperature in volts.
 fn volts(seed: u64) -> Case {
     let schedule = CampaignSchedule {
         set_points_c: (-2..=4).map(|k| 10.0 * f64::from(k)).collect(),
@@ -171,13 +171,14 @@ fn volts(seed: u64) -> Case {
     case(truth_in("V", 2.1, 0.04, seed), &schedule, seed)
 }
 
-/// Seven set points, telemetry in `unit`.
+/// Seven set points, temperature in `unit`.
 fn in_unit(unit: &str, zero: f64, slope: f64, seed: u64) -> Case {
-    let chain = Chain { telemetry_zero: zero, telemetry_slope: slope, telemetry_lsb_micro: 2000, ..Chain::default() };
+    let chain =
+        Chain { temperature_zero: zero, temperature_slope: slope, telemetry_lsb_micro: 2000, ..Chain::default() };
     let schedule = CampaignSchedule {
         set_points_c: (-2..=4).map(|k| 10.0 * f64::from(k)).collect(),
         chain,
-        noise: Noise { telemetry: 2.5e-3, ..Noise::default() },
+        noise: Noise { temperature: 2.5e-3, ..Noise::default() },
         ..CampaignSchedule::default()
     };
     let good = |seed| in_unit("degC", 0.0, 1.0, seed);
@@ -443,25 +444,25 @@ pub(crate) fn mistakes() -> Vec<Mistake> {
         "pulses 0.02 % too many from 10 degC on", Warned("[lack-of-fit]"),
             |seed| rows(seed, |row| if row.set_point_c >= 10.0 { scale_all(&mut row.raw, 1.0002) });
         "rows of another IMU of the same kind", Invisible("a run of the right IMU shows it"), another_imu;
-        // Telemetry.
-        "Fahrenheit under degC", Refused("[telemetry-slope]: telemetry (a1_head, a1_board and 4 more columns) changes by 1.80"), |seed| in_unit("degC", 32.0, 1.8, seed);
+        // Temperature.
+        "Fahrenheit under degC", Refused("[temperature-slope]: temperature (a1_head, a1_board and 4 more columns) changes by 1.80"), |seed| in_unit("degC", 32.0, 1.8, seed);
         "Fahrenheit under K", Refused("it looks like degrees Fahrenheit"), |seed| in_unit("K", 32.0, 1.8, seed);
         "kelvin under degC", Refused("it looks like kelvin"), |seed| in_unit("degC", 273.15, 1.0, seed);
         "degC under K", Refused("it looks like degC"), |seed| in_unit("K", 0.0, 1.0, seed);
         "1/1000 degC under degC", Refused("changes by 1000"), |seed| in_unit("degC", 0.0, 1000.0, seed);
-        "volts under degC", Warned("[telemetry-offset]"), |seed| {
+        "volts under degC", Warned("[temperature-offset]"), |seed| {
             let mut case = volts(seed);
             case.file.temperature_unit = "degC".to_owned();
             case
         };
         "degC under V", Invisible("the unit is a label: the table is right"), |seed| in_unit("V ", 0.0, 1.0, seed);
-        "head telemetry of A1 and A2 exchanged", Invisible(IN_USE), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature.swap(0, 1));
-        "head telemetry of A3 stuck", Refused("[telemetry-constant]: a3_head is the same at every set point"), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature[2] = 2.5);
-        "board telemetry of A1 stuck from 20 degC on", Refused("[telemetry-stuck]"), |seed| Case {
+        "head temperature of A1 and A2 exchanged", Invisible(IN_USE), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature.swap(0, 1));
+        "head temperature of A3 stuck", Refused("[temperature-constant]: a3_head is the same at every set point"), |seed| acquired(seed, |raw| raw.accelerometers.head_temperature[2] = 2.5);
+        "board temperature of A1 stuck from 20 degC on", Refused("[temperature-repeated]"), |seed| Case {
             in_use: |raw| raw.accelerometers.board_temperature[0] = 2.9,
             ..rows(seed, |row| if row.set_point_c >= 20.0 { row.raw.accelerometers.board_temperature[0] = 2.9 })
         };
-        "board telemetry of A1 stuck at 40 degC, with noise", Warned("[lack-of-fit]"), |seed| {
+        "board temperature of A1 stuck at 40 degC, with noise", Warned("[lack-of-fit]"), |seed| {
             let mut random = RandomGenerator::new(seed, 79);
             let mut case = volts(seed);
             for row in case.rows.iter_mut().filter(|row| row.set_point_c == 40.0) {
@@ -469,12 +470,12 @@ pub(crate) fn mistakes() -> Vec<Mistake> {
             }
             case
         };
-        "a telemetry reading of 0", Refused("[telemetry-drift]: samples.csv:7:"), |seed| {
+        "a temperature reading of 0", Refused("[temperature-drift]: samples.csv:7:"), |seed| {
             let mut case = volts(seed);
             case.rows[5].raw.accelerometers.head_temperature[1] = 0.0;
             case
         };
-        "labels of the set points 0 and 20 degC exchanged", Warned("[telemetry-order]"),
+        "labels of the set points 0 and 20 degC exchanged", Warned("[temperature-order]"),
             |seed| rows(seed, |row| row.set_point_c = match row.set_point_c { 0.0 => 20.0, 20.0 => 0.0, other => other });
         // Rows.
         "5 % of the rows missing", Warned("[missing-rows]"), |seed| {
@@ -512,7 +513,7 @@ pub(crate) fn mistakes() -> Vec<Mistake> {
     }
 }
 
-/// A correct campaign of another laboratory: set points, positions, rows, telemetry, tilt and noise are drawn from
+/// A correct campaign of another laboratory: set points, positions, rows, temperature, tilt and noise are drawn from
 /// `seed`. Returns the case and what it is.
 pub(crate) fn correct(seed: u64) -> (Case, String) {
     correct_of(seed, |truth| truth)
@@ -585,7 +586,7 @@ fn correct_of(seed: u64, imu: impl Fn(Truth) -> Truth) -> (Case, String) {
     let move_s = [1.0, 20.0, 60.0][pick(3) as usize];
     let noise = Noise {
         sensor_g0: [2e-6, 5e-6, 50e-6, 2e-4][pick(4) as usize],
-        telemetry: noise,
+        temperature: noise,
         bias_g0: [0.2e-6, 2e-6, 20e-6][pick(3) as usize],
         scale_factor: [0.3e-6, 5e-6][pick(2) as usize],
         positioning_rad: [1.0, 5.0, 60.0, 600.0][pick(4) as usize] * (1.0_f64 / 3600.0).to_radians(),
@@ -605,8 +606,8 @@ fn correct_of(seed: u64, imu: impl Fn(Truth) -> Truth) -> (Case, String) {
     }
     let oscillation_c = [0.05, 0.3][pick(2) as usize];
     let chain = Chain {
-        telemetry_zero: zero,
-        telemetry_slope: slope,
+        temperature_zero: zero,
+        temperature_slope: slope,
         telemetry_lsb_micro: lsb,
         oscillation_c,
         ..Chain::default()

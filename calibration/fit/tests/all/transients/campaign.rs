@@ -190,7 +190,7 @@ fn what_does_not_belong_together_is_refused() {
         |from: &str, to: &str| refused(&file_alone(|text| text.replacen(from, to, 1)), CalibrationOptions::default());
     for (from, to, part) in [
         ("\"imu-paper\"", "\"other\"", "curves is the table of imu-paper, and the campaign is of other"),
-        ("\"V\"", "\"degC\"", "the telemetry of curves is in \"V\""),
+        ("\"V\"", "\"degC\"", "the temperature of curves is in \"V\""),
         ("gravity_reference = 9.8015", "gravity_reference = 9.80665", "1 g0 of curves is 9.8015 m/s2"),
         ("[0, 0, 1]", "[0, 0, -1]", "ramp-1.csv: A3 indicates 1.000 g0 on average, and specific_force says -1.000 g0"),
     ] {
@@ -228,7 +228,7 @@ fn an_unknown_key_of_a_ramp_names_every_known_one() {
 }
 
 #[test]
-fn ramps_of_another_unit_are_refused() {
+fn ramps_of_another_device_are_refused() {
     let of = |serial: &str, number: usize| {
         let (name, text) = RAMPS[number];
         let rows = text.lines().enumerate().map(|(line, row)| match line {

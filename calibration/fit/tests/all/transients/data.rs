@@ -144,7 +144,7 @@ fn what_is_no_ramp_is_refused_by_name() {
         ),
         "{message}"
     );
-    // The same telemetry in every row.
+    // The same temperature in every row.
     let (header, rows) = text.split_once('\n').unwrap();
     let constant = rows.lines().take(100).map(|row| {
         let mut fields: Vec<_> = row.split(',').collect();
@@ -153,5 +153,5 @@ fn what_is_no_ramp_is_refused_by_name() {
     });
     let constant: String = [format!("{header}\n")].into_iter().chain(constant).collect();
     let message = refused(&[read("constant.csv", &constant)]).to_string();
-    assert!(message.contains("the head telemetry of A1 does not change"), "{message}");
+    assert!(message.contains("the head temperature of A1 does not change"), "{message}");
 }

@@ -10,7 +10,7 @@ use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Noise, Play, RandomGenerator, Truth};
 use std::collections::BTreeMap;
 
-/// Range of the head telemetry \[V\].
+/// Range of the head temperature \[V\].
 const RANGE: f64 = 2.8;
 
 /// One to three plays whose bands are 1 to 15 ug0.
@@ -233,7 +233,7 @@ fn the_stated_error_of_a_transient_holds() {
 
 #[test]
 #[ignore = "minutes: cargo test --release -p isotherm-fit --test all stated_error -- --ignored --nocapture"]
-fn the_stated_error_of_a_transient_holds_in_a_hundred_units_of_each_kind() {
+fn the_stated_error_of_a_transient_holds_in_a_hundred_devices_of_each_kind() {
     let seed = std::env::var("ISOTHERM_SEED").map_or(0, |text| text.parse::<u64>().unwrap());
     let all: Vec<_> = (0..RAMPS.len()).map(|kind| coverage(kind, 100 * seed..100 * (seed + 1))).collect();
     assert!(all.iter().all(|[_, two]| *two >= 0.9), "{all:?}");

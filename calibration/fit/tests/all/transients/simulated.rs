@@ -22,9 +22,9 @@ pub(crate) fn truth(tau_s: f64, transients: [f64; AXES], plays: Vec<Play>) -> Tr
     Truth { plays, ..Truth::of(CoefficientTable::new(content).unwrap()) }
 }
 
-/// White noise of 2 ug0 in 10 s, a walk of the biases of 0.2 ug0 in an hour, 0.1 mV of telemetry.
+/// White noise of 2 ug0 in 10 s, a walk of the biases of 0.2 ug0 in an hour, 0.1 mV of temperature.
 pub(crate) fn quiet() -> Noise {
-    Noise { sensor_g0: 2e-6 * 10.0_f64.sqrt(), telemetry: 1e-4, bias_walk: 0.2e-6, ..Noise::NONE }
+    Noise { sensor_g0: 2e-6 * 10.0_f64.sqrt(), temperature: 1e-4, bias_walk: 0.2e-6, ..Noise::NONE }
 }
 
 /// Half an hour at -25 degC, up to 45, half an hour, down, half an hour, in rows of 10 s with A3 up.

@@ -54,7 +54,7 @@ fn the_error_of_the_curves_holds_the_truth() {
         let schedules = afternoon(quiet());
         let found = alone(&truth, &schedules, &recorded(&truth, &schedules, seed), CalibrationOptions::default());
         let found = found.unwrap();
-        assert!(!found.findings.iter().any(|finding| [name::RAMP_STEP, name::RAMP_UNIT].contains(&finding.name)));
+        assert!(!found.findings.iter().any(|finding| [name::RAMP_STEP, name::RAMP_DEVICE].contains(&finding.name)));
         for (axis, bias) in found.transients.biases.iter().enumerate() {
             let (off, error) = (off(&found.transients, &truth, axis), bias.curve_error.as_ref().unwrap().half_width);
             println!("{seed} {}: {:.2} ug0 off, {:.2} stated", bias.name(), off * 1e6, error * 1e6);
@@ -105,7 +105,7 @@ fn a_bump_is_a_step_and_no_hysteresis() {
 }
 
 #[test]
-fn a_ramp_of_another_unit_is_refused() {
+fn a_ramp_of_another_device_is_refused() {
     let (unit, other) = (truth(TAU_S, TRANSIENTS, Vec::new()), {
         let mut other = truth(TAU_S, TRANSIENTS, Vec::new());
         let mut content = other.table.content().clone();
@@ -124,9 +124,9 @@ fn a_ramp_of_another_unit_is_refused() {
     let error = alone(&unit, &schedules, &[first.clone(), second], CalibrationOptions::default()).unwrap_err();
     let (name, message) = fault(&error);
     println!("{message}");
-    assert_eq!(name, name::RAMP_UNIT);
+    assert_eq!(name, name::RAMP_DEVICE);
     assert!(message.contains("ramp-2: the biases do not change over temperature as ramp-1"), "{message}");
-    // Two ramps of one unit agree.
+    // Two ramps of one device agree.
     assert!(alone(&unit, &schedules, &recorded(&unit, &schedules, 5), CalibrationOptions::default()).is_ok());
 }
 

@@ -56,13 +56,13 @@ fn the_start_need_not_be_soaked() {
 }
 
 #[test]
-fn telemetry_may_be_rare_and_coarse() {
+fn temperature_may_be_rare_and_coarse() {
     let mut schedules = afternoon(quiet());
     for schedule in &mut schedules {
-        (schedule.run.chain.telemetry_s, schedule.run.chain.telemetry_lsb_micro) = (30.0, 2400);
+        (schedule.run.chain.temperature_s, schedule.run.chain.telemetry_lsb_micro) = (30.0, 2400);
     }
     assert_found(&search(&moving(), &schedules), 0.2, "every 30 s in steps of 2.4 mV");
-    // Without its time only a change shows that the telemetry was read.
+    // Without its time only a change shows that the temperature was read.
     let truth = moving();
     let mut recordings = Vec::new();
     for (schedule, seed) in schedules.iter().zip([1, 2]) {
@@ -82,16 +82,16 @@ fn telemetry_may_be_rare_and_coarse() {
 #[test]
 fn samples_may_come_at_400_hz() {
     let mut fast = schedule(140.0, quiet());
-    (fast.run.interval_ns, fast.run.chain.telemetry_s, fast.run.hold_s) = (2_500_000, 1.0, 900.0);
+    (fast.run.interval_ns, fast.run.chain.temperature_s, fast.run.hold_s) = (2_500_000, 1.0, 900.0);
     assert_found(&search(&moving(), &[fast]), 0.2, "400 Hz");
 }
 
 /// A reading is of the end of its row, and the pulses are of the whole row.
 #[test]
-fn the_time_of_the_telemetry_does_not_shift_the_time_constant() {
+fn the_time_of_the_temperature_does_not_shift_the_time_constant() {
     let found = search(&moving(), &afternoon(Noise { bias_walk: 0.0, ..quiet() }));
     assert_found(&found, 0.1, "10 s rows");
-    let exact = search(&moving(), &afternoon(Noise { sensor_g0: 1e-8, telemetry: 1e-6, ..Noise::NONE }));
+    let exact = search(&moving(), &afternoon(Noise { sensor_g0: 1e-8, temperature: 1e-6, ..Noise::NONE }));
     let ratio = exact.time_constant.value_s / TAU_S;
     assert!((ratio - 1.0).abs() < 0.03, "{ratio}");
     assert_found(&exact, 0.03, "without noise");
@@ -112,8 +112,8 @@ fn gaps_do_not_stop_the_filter() {
 #[test]
 fn a_lag_that_the_ramps_do_not_resolve_is_not_written() {
     let mut rare = afternoon(quiet());
-    rare.iter_mut().for_each(|schedule| schedule.run.chain.telemetry_s = 60.0);
-    assert_refused(&search(&truth(8.0, [300.0, -200.0, 100.0], Vec::new()), &rare), "8 s, telemetry every 60 s");
+    rare.iter_mut().for_each(|schedule| schedule.run.chain.temperature_s = 60.0);
+    assert_refused(&search(&truth(8.0, [300.0, -200.0, 100.0], Vec::new()), &rare), "8 s, temperature every 60 s");
     assert_refused(&search(&moving(), &[schedule(4.0, quiet())]), "4 K/h");
 }
 
@@ -251,7 +251,7 @@ fn broken_readings_are_refused_and_gaps_are_named() {
     }
     let message = fit(&[recording], &truth.table, &options).unwrap_err().to_string();
     assert!(
-        message.starts_with("spike: the head telemetry of A2 is 4.6 at ") && message.contains("leave its rows out"),
+        message.starts_with("spike: the head temperature of A2 is 4.6 at ") && message.contains("leave its rows out"),
         "{message}"
     );
     let found = |gap: core::ops::Range<u64>| {

@@ -1,4 +1,4 @@
-//! Simulated afternoons of people at home: a MEMS IMU is put down by hand in many attitudes, in a freezer, in a room
+//! Simulated afternoons of people at home: a MEMS IMU is tumbled by hand in many attitudes, in a freezer, in a room
 //! and in an oven. What is stated must hold the truth, honest data must not be refused, and a mistake must not pass in
 //! silence.
 
@@ -54,12 +54,12 @@ struct Afternoon {
     move_s: f64,
     /// Change of the temperature over a tumble.
     drift: f64,
-    /// The element's time behind its telemetry \[s\].
+    /// The element's time behind its temperature \[s\].
     lag_s: f64,
     /// Scatter of the bias from power-up to power-up \[g0\].
     shift: f64,
-    /// Noise of a row of the telemetry.
-    telemetry: f64,
+    /// Noise of a row of the temperature.
+    temperature: f64,
     /// Walk of the bias over a tumble \[g0\].
     walk: f64,
     shuffle: bool,
@@ -79,7 +79,7 @@ impl Afternoon {
             drift: 0.05,
             lag_s: 0.0,
             shift: 0.0,
-            telemetry: 0.02,
+            temperature: 0.02,
             walk: 0.0,
             shuffle: true,
             freezer: None,
@@ -107,7 +107,7 @@ impl Afternoon {
             drift: random.between(0.0, 1.0),
             lag_s: if random.uniform() < 0.5 { random.between(0.0, 20.0) } else { 0.0 },
             shift: if random.uniform() < 0.75 { random.between(3e-5, 1e-4) } else { 0.0 },
-            telemetry: [0.002, 0.02, 0.06][(random.uniform() * 3.0) as usize % 3],
+            temperature: [0.002, 0.02, 0.06][(random.uniform() * 3.0) as usize % 3],
             walk: 0.0,
             shuffle: random.uniform() < 0.5,
             freezer: None,
@@ -170,7 +170,7 @@ impl Afternoon {
                 let part = row.saturating_sub(rest) as f64 / moving as f64;
                 let way = attitude * (1.0 - part) + next * part + bow * (part * (1.0 - part));
                 let tremor = if row > rest { normals(random, 0.03) } else { Vector3::zeros() };
-                let telemetry = match self.freezer {
+                let temperature = match self.freezer {
                     Some([room, housing_s, element_s]) => {
                         let now = room + (start - room) * (-time_s / housing_s).exp();
                         element += (now - element) * (1.0 - (-INTERVAL_S / element_s).exp());
@@ -189,7 +189,7 @@ impl Afternoon {
                     rows.len(),
                     time_s + 4000.0 * file as f64,
                     &counts,
-                    telemetry + self.telemetry * random.normal(),
+                    temperature + self.temperature * random.normal(),
                 ));
             }
             walked += normals(random, self.walk / (attitudes.len() as f64).sqrt());
@@ -198,16 +198,16 @@ impl Afternoon {
     }
 }
 
-fn sample(sequence: usize, time_s: f64, counts: &Vector3<f64>, telemetry: f64) -> RawSample {
+fn sample(sequence: usize, time_s: f64, counts: &Vector3<f64>, temperature: f64) -> RawSample {
     let mut row = RawSample {
         sequence: sequence as u64,
         timestamp_ns: (time_s * 1e9).round() as u64,
         interval_ns: (INTERVAL_S * 1e9) as u64,
         ..RawSample::default()
     };
-    let telemetry = (telemetry * 1000.0).round() / 1000.0;
-    row.accelerometers.head_temperature = [telemetry; 3];
-    row.accelerometers.board_temperature = [telemetry; 3];
+    let temperature = (temperature * 1000.0).round() / 1000.0;
+    row.accelerometers.head_temperature = [temperature; 3];
+    row.accelerometers.board_temperature = [temperature; 3];
     set(&mut row, [0, 1, 2].map(|axis| counts[axis].round() as i64));
     row
 }
@@ -237,22 +237,22 @@ fn calibrate(files: &[Vec<RawSample>], order: Option<usize>) -> Result<TumbleCal
     calibrate_tumble(&campaign([9.80665, 9.80665]), &recordings, &options)
 }
 
-/// Error over half width of every stated quantity at both ends and the middle of the telemetry.
+/// Error over half width of every stated quantity at both ends and the middle of the temperature.
 fn errors(found: &TumbleCalibration, mems: &Mems, shift: Vector3<f64>) -> Vec<f64> {
     let shift = if found.groups.count == 1 { shift } else { Vector3::zeros() };
     let mut ratios = Vec::new();
     for (axis, curves) in found.curves.iter().enumerate() {
         for (quantity, curve) in curves.iter().enumerate().take(if found.unknowns.split { 3 } else { 2 }) {
             let [low, high] = curve.measured();
-            for telemetry in [low, found.mid(axis, quantity), high] {
-                let gain = at(&mems.gain, telemetry)[axis] * COUNTS / INTERVAL_S;
+            for temperature in [low, found.mid(axis, quantity), high] {
+                let gain = at(&mems.gain, temperature)[axis] * COUNTS / INTERVAL_S;
                 let truth = match quantity {
-                    0 => (at(&mems.bias, telemetry) + shift)[axis],
+                    0 => (at(&mems.bias, temperature) + shift)[axis],
                     1 => gain,
                     _ => -gain,
                 };
-                let half = curve.interval(telemetry, CONFIDENCE);
-                ratios.extend(half.map(|half| (curve.at(telemetry) - truth).abs() / half));
+                let half = curve.interval(temperature, CONFIDENCE);
+                ratios.extend(half.map(|half| (curve.at(temperature) - truth).abs() / half));
             }
         }
     }
@@ -437,10 +437,10 @@ fn mistaken(name: &str, random: &mut RandomGenerator) -> (Mems, Vec<Vec<RawSampl
                 _ => {}
             }
             set(row, now);
-            for telemetry in [&mut row.accelerometers.head_temperature, &mut row.accelerometers.board_temperature] {
+            for temperature in [&mut row.accelerometers.head_temperature, &mut row.accelerometers.board_temperature] {
                 match name {
-                    "probe" => telemetry.iter_mut().for_each(|value| *value -= 10.0),
-                    "fahrenheit" => telemetry.iter_mut().for_each(|value| *value = *value * 1.8 + 32.0),
+                    "probe" => temperature.iter_mut().for_each(|value| *value -= 10.0),
+                    "fahrenheit" => temperature.iter_mut().for_each(|value| *value = *value * 1.8 + 32.0),
                     _ => {}
                 }
             }

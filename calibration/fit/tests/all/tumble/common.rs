@@ -1,4 +1,4 @@
-//! Recordings from files, and of a simulated IMU that is put down by hand.
+//! Recordings from files, and of a simulated tumble.
 
 use isotherm_campaign::Campaign;
 use isotherm_fit::{CalibrationError, TumbleCalibration, TumbleOptions, TumbleRecording, calibrate_tumble};
@@ -126,9 +126,10 @@ impl SimulatedImu {
         let triad = &mut sample.accelerometers;
         for axis in 0..3 {
             let head = temperature_c + 0.4 * axis as f64;
-            // Telemetry has digits of 0.01.
-            let telemetry = |temperature: f64| (temperature * 100.0).round() / 100.0;
-            (triad.head_temperature[axis], triad.board_temperature[axis]) = (telemetry(head), telemetry(head + 2.5));
+            // Temperature has digits of 0.01.
+            let temperature = |temperature: f64| (temperature * 100.0).round() / 100.0;
+            (triad.head_temperature[axis], triad.board_temperature[axis]) =
+                (temperature(head), temperature(head + 2.5));
             let indicated = x[axis] + self.truth.value(axis, 0, head) + (self.noise + shake) * self.random.normal();
             let (channel, quantity) = if indicated >= 0.0 { (0, 1) } else { (1, 2) };
             let left = &mut self.left[axis][channel];

@@ -1,4 +1,4 @@
-//! Simulated recordings of an IMU that is put down by hand, and of one that never rests: which static poses are found.
+//! Simulated recordings of a tumble, and of one that never rests: which static poses are found.
 //! They vary rate, noise, counts, rests, moves, tremor, bumps, low-pass filters, lost rows, glitches and fans.
 
 use isotherm_campaign::{StaticPoses, find_static_poses};
@@ -183,7 +183,7 @@ fn tally(count: u64) -> [usize; 5] {
 fn at_rest(kind: &str, count: u64) -> u64 {
     let is_found = |rows: &[RawSample]| find_static_poses(rows, None).and_then(StaticPoses::without_turned).is_ok();
     let found = (0..count).filter(|seed| is_found(&restless(kind, *seed))).count() as u64;
-    println!("{kind}: standstills in {found} of {count}");
+    println!("{kind}: static poses in {found} of {count}");
     found
 }
 

@@ -124,7 +124,7 @@ fn six_faces_are_refused_by_name_and_give_no_errors_without_misalignments() {
     let rows = samples("ferraris/recording.csv");
     let range = Some([0.0, 50.0]);
     let refused = calibrated(&rows, |options| options.temperature_range = range).unwrap_err().to_string();
-    assert!(refused.contains("6 standstills for 9 unknowns") && refused.contains(": m12, m13, m23;"), "{refused}");
+    assert!(refused.contains("6 static poses for 9 unknowns") && refused.contains(": m12, m13, m23;"), "{refused}");
     let found = calibrated(&rows, |options| {
         options.temperature_range = range;
         options.misalignment = false;

@@ -89,7 +89,7 @@ fn a_pose_in_which_the_imu_turns_is_left_out() {
         imu.gap(10.0);
     }
     let found = calibrated(&imu.rows, |options| options.temperature_range = Some([0.0, 50.0])).unwrap();
-    let turned = messages(&found).into_iter().filter(|it| it.starts_with("1 of 26 standstills are left out")).count();
+    let turned = messages(&found).into_iter().filter(|it| it.starts_with("1 of 26 static poses are left out")).count();
     assert!(turned == 1 && found.readings.len() == 25, "{:?}", messages(&found));
     assert!(found.readings.iter().all(|reading| !reading.rows.contains(&(7 * 1200 + 600))));
 }
@@ -156,7 +156,7 @@ fn two_temperatures_give_a_constant_or_a_line_that_is_asked_for() {
 }
 
 #[test]
-fn constant_telemetry_needs_a_range() {
+fn constant_temperature_needs_a_range() {
     let rows = samples("xsens/recording.csv");
     let error = calibrated(&rows, |_| {}).unwrap_err().to_string();
     assert!(error.contains("--temperature-range"), "{error}");
@@ -261,7 +261,7 @@ fn what_looks_wrong_is_named() {
     let options = TumbleOptions { temperature_range: Some([0.0, 50.0]), ..TumbleOptions::default() };
     let both = [recording(&rows), recording(&other.rows)];
     let error = calibrate_tumble(&campaign([9.81, 9.81]), &both, &options).unwrap_err().to_string();
-    assert!(error.starts_with("the two groups of standstills") && error.contains("another unit in one"), "{error}");
+    assert!(error.starts_with("the two groups of static poses") && error.contains("another unit in one"), "{error}");
     let kelvin: Vec<RawSample> = put_down(&cube(), &[298.15]);
     let found = calibrated(&kelvin, |options| options.temperature_range = Some([250.0, 350.0])).unwrap();
     assert!(messages(&found).iter().any(|warning| warning.contains("kelvin")), "{:?}", messages(&found));
@@ -278,7 +278,7 @@ fn what_looks_wrong_is_named() {
 }
 
 #[test]
-fn lengths_of_another_unit_are_refused() {
+fn lengths_of_another_device_are_refused() {
     let rows = put_down(&cube(), &[25.0]);
     let mut campaign = campaign([9.81, 9.81]);
     campaign.serial = Some("17".to_owned());
@@ -309,8 +309,8 @@ fn poses_that_never_drive_an_axis_do_not_meet_a_bound() {
     let (shown, judgement) = judged(&in_plane);
     assert_eq!(shown.undriven, ["K+ of A2", "K- of A2"]);
     assert!(shown.driven[1] == [0.0, 0.0] && (shown.driven[0][0] - 2.0 / 6.0).abs() < 0.02, "{shown}");
-    assert!(shown.telemetry < 0.1, "{shown}");
-    let words = ": not shown, no standstill drives K+ of A2, K- of A2";
+    assert!(shown.temperature < 0.1, "{shown}");
+    let words = ": not shown, no static pose drives K+ of A2, K- of A2";
     assert!(!judgement.met && judgement.message.ends_with(words), "{judgement:?}");
     let (shown, judgement) = judged(&[&in_plane[..], &[[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]].concat());
     assert!(judgement.met && shown.undriven.is_empty(), "{judgement:?}");

@@ -28,8 +28,8 @@ pub(super) struct Tumble {
     rest_s: f64,
     /// Temperature at the start, and its change over the tumble.
     pub temperature: [f64; 2],
-    /// Noise of a row of the telemetry.
-    telemetry: f64,
+    /// Noise of a row of the temperature.
+    temperature_noise: f64,
     /// Walk of the bias from row to row \[g0\].
     pub walk: f64,
 }
@@ -87,7 +87,7 @@ impl Tumble {
             noise: between(random, 2e-4, 5e-3),
             rest_s: random.between(2.0, 6.0),
             temperature: [random.between(10.0, 40.0), drift],
-            telemetry: [0.002, 0.01, 0.05][below(random, 3)],
+            temperature_noise: [0.002, 0.01, 0.05][below(random, 3)],
             walk: 0.0,
         }
     }
@@ -116,18 +116,18 @@ impl Tumble {
                 let gain = self.gain + self.slopes[1] * off;
                 let force = self.misalignment * way.normalize() + bias;
                 let counts = (force.component_mul(&gain) + normals(random, self.noise) + tremor) * COUNTS;
-                let telemetry = self.temperature[0] + off + self.telemetry * random.normal();
-                rows.push(sample(rows.len(), &counts, (telemetry * 1000.0).round() / 1000.0));
+                let temperature = self.temperature[0] + off + self.temperature_noise * random.normal();
+                rows.push(sample(rows.len(), &counts, (temperature * 1000.0).round() / 1000.0));
             }
         }
         (rows, sum / (self.attitudes.len() * (rest + 1)) as f64)
     }
 
-    /// The true bias \[g0\], scale factor \[pulse/(s*g0)\] at a telemetry: the noise of a thermometer is no
+    /// The true bias \[g0\], scale factor \[pulse/(s*g0)\] at a temperature: the noise of a thermometer is no
     /// temperature.
-    fn truth(&self, axis: usize, quantity: usize, telemetry: f64) -> f64 {
+    fn truth(&self, axis: usize, quantity: usize, temperature: f64) -> f64 {
         let drift = self.temperature[1];
-        let off = (telemetry - self.temperature[0]).clamp(drift.min(0.0), drift.max(0.0));
+        let off = (temperature - self.temperature[0]).clamp(drift.min(0.0), drift.max(0.0));
         let gain = (self.gain + self.slopes[1] * off)[axis] * COUNTS / INTERVAL_S;
         match quantity {
             0 => (self.bias + self.slopes[0] * off)[axis],
@@ -136,15 +136,15 @@ impl Tumble {
         }
     }
 
-    /// Error over half width of every stated quantity: at the mean of the telemetry, and at its ends.
+    /// Error over half width of every stated quantity: at the mean of the temperature, and at its ends.
     pub(super) fn ratios(&self, found: &TumbleCalibration) -> Vec<f64> {
         let mut ratios = Vec::new();
         for (axis, curves) in found.curves.iter().enumerate() {
             for (quantity, curve) in curves.iter().enumerate().take(if found.unknowns.split { 3 } else { 2 }) {
                 let [low, high] = curve.measured();
-                for telemetry in [low, found.mid(axis, quantity), high] {
-                    let off = (curve.at(telemetry) - self.truth(axis, quantity, telemetry)).abs();
-                    ratios.extend(curve.interval(telemetry, CONFIDENCE).map(|half| off / half));
+                for temperature in [low, found.mid(axis, quantity), high] {
+                    let off = (curve.at(temperature) - self.truth(axis, quantity, temperature)).abs();
+                    ratios.extend(curve.interval(temperature, CONFIDENCE).map(|half| off / half));
                 }
             }
         }
@@ -155,17 +155,17 @@ impl Tumble {
         ratios
     }
 
-    /// Errors of biases \[g0\] and of scale factors, rms over the axes, at the mean of the telemetry.
-    pub(super) fn errors(&self, bias: Vector3<f64>, scale_factor: Vector3<f64>, telemetry: f64) -> [f64; 2] {
+    /// Errors of biases \[g0\] and of scale factors, rms over the axes, at the mean of the temperature.
+    pub(super) fn errors(&self, bias: Vector3<f64>, scale_factor: Vector3<f64>, temperature: f64) -> [f64; 2] {
         let rms = |off: [f64; 3]| (off.iter().map(|off| off * off).sum::<f64>() / 3.0).sqrt();
         [
-            rms([0, 1, 2].map(|axis| bias[axis] - self.truth(axis, 0, telemetry))),
-            rms([0, 1, 2].map(|axis| scale_factor[axis] / self.truth(axis, 1, telemetry) - 1.0)),
+            rms([0, 1, 2].map(|axis| bias[axis] - self.truth(axis, 0, temperature))),
+            rms([0, 1, 2].map(|axis| scale_factor[axis] / self.truth(axis, 1, temperature) - 1.0)),
         ]
     }
 }
 
-fn sample(sequence: usize, counts: &Vector3<f64>, telemetry: f64) -> RawSample {
+fn sample(sequence: usize, counts: &Vector3<f64>, temperature: f64) -> RawSample {
     let interval_ns = (INTERVAL_S * 1e9) as u64;
     let mut row = RawSample {
         sequence: sequence as u64,
@@ -174,7 +174,7 @@ fn sample(sequence: usize, counts: &Vector3<f64>, telemetry: f64) -> RawSample {
         ..RawSample::default()
     };
     let triad = &mut row.accelerometers;
-    (triad.head_temperature, triad.board_temperature) = ([telemetry; 3], [telemetry; 3]);
+    (triad.head_temperature, triad.board_temperature) = ([temperature; 3], [temperature; 3]);
     for axis in 0..3 {
         let count = counts[axis].round() as i64;
         triad.positive_pulses[axis] = count.max(0) as u32;
@@ -286,14 +286,14 @@ fn compare(count: u64, fixed: u64) {
                 refused += 1;
                 continue;
             };
-            let telemetry =
+            let temperature =
                 found.readings.iter().map(|reading| reading.head[0]).sum::<f64>() / found.readings.len() as f64;
             let Some(Plain { bias, scale_factor, .. }) = plain_fit(&found.readings, 1.0) else { continue };
             splits += usize::from(found.unknowns.split);
-            let their = tumble.errors(bias, scale_factor, telemetry);
+            let their = tumble.errors(bias, scale_factor, temperature);
             let [bias, scale_factor] =
-                [0, 1].map(|quantity| Vector3::from_fn(|axis, _| found.curves[axis][quantity].at(telemetry)));
-            let our = tumble.errors(bias, scale_factor, telemetry);
+                [0, 1].map(|quantity| Vector3::from_fn(|axis, _| found.curves[axis][quantity].at(temperature)));
+            let our = tumble.errors(bias, scale_factor, temperature);
             for kind in 0..2 {
                 ratios[kind].push(our[kind] / their[kind]);
                 ours[kind] += our[kind].powi(2);
@@ -338,7 +338,7 @@ fn a_tumble_of_which_nine_poses_are_one_attitude_is_solved() {
     for (seed, drift) in [(1, 0.015), (2, 0.1), (3, 1.0), (4, 3.0)] {
         let mut random = RandomGenerator::new(seed, 33);
         let mut tumble = Tumble::new(&mut random, 12, 9, drift);
-        (tumble.bias[2], tumble.noise, tumble.telemetry) = (0.474, 3e-3, 0.002);
+        (tumble.bias[2], tumble.noise, tumble.temperature_noise) = (0.474, 3e-3, 0.002);
         let rows = tumble.record(&mut random);
         let found = calibrate(&rows).unwrap();
         let plain = plain_fit(&found.readings, 1.0).unwrap();
@@ -354,21 +354,21 @@ fn a_constant_of_any_decimal_digits_is_one_group() {
     let tumble = Tumble::new(&mut random, 14, 0, 0.0);
     let mut rows = tumble.record(&mut random);
     let mut right = None;
-    for telemetry in [25.0, 25.1, 33.7, 0.1, -7.3, 298.15, 21_037.9, 1e-3, 1.0 / 3.0] {
+    for temperature in [25.0, 25.1, 33.7, 0.1, -7.3, 298.15, 21_037.9, 1e-3, 1.0 / 3.0] {
         for row in &mut rows {
             let triad = &mut row.accelerometers;
-            (triad.head_temperature, triad.board_temperature) = ([telemetry; 3], [telemetry; 3]);
+            (triad.head_temperature, triad.board_temperature) = ([temperature; 3], [temperature; 3]);
         }
         let mut recording = TumbleRecording::new("tumble.csv");
         rows.iter().for_each(|row| recording.add(row).unwrap());
-        let range = Some([telemetry - 1.0, telemetry + 1.0]);
+        let range = Some([temperature - 1.0, temperature + 1.0]);
         let options = TumbleOptions { temperature_range: range, ..TumbleOptions::default() };
         let found = calibrate_tumble(&campaign([9.80665, 9.80665]), &[recording], &options).unwrap();
-        assert_eq!((found.groups.count, found.groups.levels), (1, 1), "{telemetry}");
+        assert_eq!((found.groups.count, found.groups.levels), (1, 1), "{temperature}");
         let half = [0, 1, 2].map(|axis| found.curves[axis][0].interval(found.mid(axis, 0), CONFIDENCE).unwrap());
         let right = right.get_or_insert(half);
         for axis in 0..3 {
-            assert!((half[axis] / right[axis] - 1.0).abs() < 1e-6, "{telemetry}: {half:?} {right:?}");
+            assert!((half[axis] / right[axis] - 1.0).abs() < 1e-6, "{temperature}: {half:?} {right:?}");
         }
     }
 }
@@ -475,7 +475,7 @@ fn an_imu_that_was_never_turned_and_one_that_zeroed_gravity_are_called_that() {
     let faces = attitudes(&mut random, 6);
     let five = Tumble { attitudes: (0..3).flat_map(|_| faces[..5].to_vec()).collect(), ..tumble };
     let error = with(five, &mut random);
-    assert!(error.contains("the standstills have 5 attitudes, without"), "{error}");
+    assert!(error.contains("the static poses have 5 attitudes, without"), "{error}");
 }
 
 #[test]
@@ -487,7 +487,7 @@ fn eight_hundred_poses_are_calibrated() {
         let rows = tumble.record(&mut random);
         let start = std::time::Instant::now();
         let found = calibrate(&rows).unwrap();
-        println!("{} standstills: {:.2} s", found.readings.len(), start.elapsed().as_secs_f64());
+        println!("{} static poses: {:.2} s", found.readings.len(), start.elapsed().as_secs_f64());
         assert!(tumble.ratios(&found).into_iter().all(|ratio| ratio < 2.0));
     }
 }

@@ -9,8 +9,8 @@ pub(super) struct AutopilotCubics {
 }
 
 impl AutopilotCubics {
-    pub(super) fn at(&self, sensor: usize, telemetry: f64) -> f64 {
-        let d = telemetry - self.reference;
+    pub(super) fn at(&self, sensor: usize, temperature: f64) -> f64 {
+        let d = temperature - self.reference;
         let [one, two, three] = self.powers[sensor];
         d * (one + d * (two + d * three))
     }

@@ -1,4 +1,4 @@
-//! The curves without any option over many units, against the truth and beside a plain cubic of the same rows, which is
+//! The curves without any option over many devices, against the truth and beside a plain cubic of the same rows, which is
 //! what the scripts of both autopilots fit.
 
 use super::curves::{GRAVITY, calibrated, screened};
@@ -111,7 +111,7 @@ fn study(name: &str, kind: &WarmUp, orders: &[usize], units: u64, lag: LagChoice
         );
         println!("{line}");
         let is_white = kind.hysteresis == 0.0 && kind.lag_s == 0.0 && kind.flicker == 0.0;
-        // One of few units may be off by chance.
+        // One of few devices may be off by chance.
         let one = 1.0 / (units as f64 * SENSORS as f64);
         let good = middle <= 1.02 + one
             && over <= 0.05 + one
@@ -134,7 +134,7 @@ fn the_curves_of_some_units_are_as_good_as_a_plain_cubic() {
 }
 
 #[test]
-#[ignore = "minutes: ISOTHERM_SEED=1 cargo test --release -p isotherm-fit --test all a_hundred_units -- --ignored --nocapture"]
+#[ignore = "minutes: ISOTHERM_SEED=1 cargo test --release -p isotherm-fit --test all a_hundred_devices -- --ignored --nocapture"]
 fn the_curves_of_a_hundred_units_of_each_kind_are_as_good_as_a_plain_cubic() {
     println!("seed {}", seed());
     let of_kind = |(name, kind): (&str, WarmUp)| study(name, &kind, &[3, 2, 1, 0], 100, LagChoice::None);

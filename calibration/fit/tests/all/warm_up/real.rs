@@ -27,7 +27,7 @@ fn without_lag() -> WarmUpOptions {
     WarmUpOptions { lag: LagChoice::None, ..WarmUpOptions::default() }
 }
 
-/// Readings of A1 .. G3 under a table \[m/s2, rad/s\], with their telemetry.
+/// Readings of A1 .. G3 under a table \[m/s2, rad/s\], with their temperature.
 fn readings(table: &CoefficientTable, rows: &[RawSample]) -> Vec<(f64, [f64; 6])> {
     let mut lag = Lag::new(table.lag_ns());
     let of_row = |raw: &RawSample| {
@@ -46,8 +46,8 @@ fn readings(table: &CoefficientTable, rows: &[RawSample]) -> Vec<(f64, [f64; 6])
 /// The means of bins of 1 degC.
 fn bins(values: impl Iterator<Item = (f64, f64)>) -> Vec<f64> {
     let mut all: BTreeMap<i64, (f64, f64)> = BTreeMap::new();
-    for (telemetry, value) in values {
-        let (sum, count) = all.entry(telemetry.floor() as i64).or_default();
+    for (temperature, value) in values {
+        let (sum, count) = all.entry(temperature.floor() as i64).or_default();
         *sum += value;
         *count += 1.0;
     }
@@ -66,7 +66,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 /// What a table leaves of the bins, about their mean.
 fn left(readings: &[(f64, [f64; 6])]) -> [f64; 6] {
     core::array::from_fn(|sensor| {
-        let means = bins(readings.iter().map(|(telemetry, of)| (*telemetry, of[sensor])));
+        let means = bins(readings.iter().map(|(temperature, of)| (*temperature, of[sensor])));
         rms(means.iter().map(|value| value - mean(&means)))
     })
 }
@@ -74,8 +74,8 @@ fn left(readings: &[(f64, [f64; 6])]) -> [f64; 6] {
 /// What the better autopilot leaves of raw readings.
 fn left_by_the_better(raw: &[(f64, [f64; 6])], theirs: &[AutopilotCubics; 2]) -> [f64; 6] {
     let of = theirs.each_ref().map(|theirs| {
-        let corrected = |(telemetry, of): &(f64, [f64; 6])| {
-            (*telemetry, core::array::from_fn(|sensor| of[sensor] - theirs.at(sensor, *telemetry)))
+        let corrected = |(temperature, of): &(f64, [f64; 6])| {
+            (*temperature, core::array::from_fn(|sensor| of[sensor] - theirs.at(sensor, *temperature)))
         };
         left(&raw.iter().map(corrected).collect::<Vec<_>>())
     });
@@ -128,7 +128,7 @@ fn left_of_last_cooling(table: &CoefficientTable, rows: &[RawSample]) -> [[f64; 
     let readings = readings(table, rows);
     let (fitted, last) = readings.split_at(COOLING_AND_HEATING);
     core::array::from_fn(|sensor| {
-        let of = |part: &[(f64, [f64; 6])]| bins(part.iter().map(|(telemetry, of)| (*telemetry, of[sensor])));
+        let of = |part: &[(f64, [f64; 6])]| bins(part.iter().map(|(temperature, of)| (*temperature, of[sensor])));
         let middle = mean(&of(fitted));
         let off: Vec<f64> = of(last).iter().map(|value| (value - middle).abs()).collect();
         [rms(off.iter().copied()), off.iter().copied().fold(0.0, f64::max)]
@@ -163,7 +163,7 @@ fn the_band_holds_the_sweep_left_out() {
     let readings = readings(found.table(), &rows[COOLING_AND_HEATING..]);
     let mut held = [0; 3];
     for (sensor, bias) in found.biases.iter().enumerate() {
-        let means = bins(readings.iter().map(|(telemetry, of)| (*telemetry, of[sensor])));
+        let means = bins(readings.iter().map(|(temperature, of)| (*temperature, of[sensor])));
         let mut off: Vec<f64> = means.iter().map(|value| (value - mean(&means)).abs()).collect();
         off.sort_by(f64::total_cmp);
         let (rms, at_95, largest) = (rms(off.iter().copied()), off[off.len() * 95 / 100], off[off.len() - 1]);

@@ -50,7 +50,7 @@ fn scaled(triad: &mut Triad, factor: f64) {
     (0..AXES).for_each(|axis| set(triad, axis, net(triad, axis) * factor));
 }
 
-fn with_telemetry(rows: &[RawSample], of: impl Fn(f64) -> f64) -> Vec<RawSample> {
+fn with_temperature(rows: &[RawSample], of: impl Fn(f64) -> f64) -> Vec<RawSample> {
     with(rows, |_, accelerometers, gyroscopes| {
         for triad in [accelerometers, gyroscopes] {
             triad.head_temperature = triad.head_temperature.map(&of);
@@ -154,18 +154,18 @@ fn a_dead_sensor_and_a_temperature_that_stands_are_named() {
         set(gyroscopes, 2, 0.0);
     });
     assert_first(&[dead], "dead-axis", Severity::Fault, "run-1: A2, G3 never changes");
-    let still = with_telemetry(&rows(), |celsius| 25.0 + celsius / 100.0);
-    assert_first(&[still], "telemetry-constant", Severity::Fault, "the telemetry moves by 0.92 degC");
+    let still = with_temperature(&rows(), |celsius| 25.0 + celsius / 100.0);
+    assert_first(&[still], "temperature-constant", Severity::Fault, "the temperature moves by 0.92 degC");
 }
 
 #[test]
-fn another_unit_is_named() {
+fn another_device_is_named() {
     let rows = rows();
     let mean = rows.iter().map(|raw| net(&raw.accelerometers, 0)).sum::<f64>() / rows.len() as f64;
     let other = with(&rows, |_, all, _| set(all, 0, 2.0 * mean - net(all, 0)));
     assert_first(
         &[rows, other],
-        "ramp-unit",
+        "ramp-device",
         Severity::Fault,
         "run-2: the biases do not change over temperature as run-1",
     );
@@ -205,35 +205,35 @@ fn a_wrong_unit_is_named() {
     assert_first(&[g], "not-gravity", Severity::Fault, "the readings look like g, not m/s2");
     let degrees = with(&rows, |_, _, all| scaled(all, 180.0 / core::f64::consts::PI));
     assert_first(&[degrees], "rate-at-rest", Severity::Fault, "the readings look like deg/s, not rad/s");
-    let kelvin = with_telemetry(&rows, |celsius| celsius + 273.15);
-    assert_first(&[kelvin], "telemetry-offset", Severity::Fault, "it looks like kelvin");
-    let thousandths = with_telemetry(&rows, |celsius| celsius * 1000.0);
-    assert_first(&[thousandths], "telemetry-offset", Severity::Fault, "thousandths of a degree");
+    let kelvin = with_temperature(&rows, |celsius| celsius + 273.15);
+    assert_first(&[kelvin], "temperature-offset", Severity::Fault, "it looks like kelvin");
+    let thousandths = with_temperature(&rows, |celsius| celsius * 1000.0);
+    assert_first(&[thousandths], "temperature-offset", Severity::Fault, "thousandths of a degree");
 }
 
 #[test]
 fn what_is_refused_can_be_accepted_and_an_order_that_is_too_high_is_told() {
-    let kelvin = with_telemetry(&rows(), |celsius| celsius + 273.15);
+    let kelvin = with_temperature(&rows(), |celsius| celsius + 273.15);
     let options = WarmUpOptions {
         lag: LagChoice::None,
         order: Some(2),
         at: Some(300.0),
-        accept: vec!["telemetry-offset"],
+        accept: vec!["temperature-offset"],
         ..WarmUpOptions::default()
     };
     let found = calibrated(&[kelvin], &options).unwrap();
     assert_eq!((found.order.order, found.order.given), (2, true));
-    assert_eq!(found.ramps.accepted, ["telemetry-offset"]);
+    assert_eq!(found.ramps.accepted, ["temperature-offset"]);
     for bias in &found.biases[..AXES] {
         assert!(bias.curve.at(300.0).abs() < 1e-15, "{}", bias.name());
     }
-    // The telemetry of all rows has two values.
-    let two = with_telemetry(&rows(), |celsius| if celsius > 30.0 { 40.0 } else { 20.0 });
+    // The temperature of all rows has two values.
+    let two = with_temperature(&rows(), |celsius| if celsius > 30.0 { 40.0 } else { 20.0 });
     let error = calibrated(&[two], &WarmUpOptions { order: Some(3), at: None, ..options.clone() }).unwrap_err();
     assert!(error.to_string().contains("too few temperatures for order 3"), "{error}");
     let error = calibrated(&[rows()], &options).unwrap_err();
     assert!(
-        error.to_string().starts_with("the reference temperature is 300, and the telemetry reaches from "),
+        error.to_string().starts_with("the reference temperature is 300, and the temperature reaches from "),
         "{error}"
     );
 }

@@ -34,7 +34,7 @@ pub(super) struct WarmUp {
     pub flicker: f64,
     /// Largest error by hysteresis, usually [m/s2]; a gyroscope has a tenth [rad/s].
     pub hysteresis: f64,
-    /// Lag of the elements behind the telemetry [s].
+    /// Lag of the elements behind the temperature [s].
     pub lag_s: f64,
 }
 
@@ -85,13 +85,13 @@ pub(super) fn rows(unit: &Unit, kind: &WarmUp, random: &mut RandomGenerator) -> 
     let mut element = kind.temperature(0.0);
     let mut play = element;
     let row = |i: usize| {
-        let telemetry = kind.temperature(i as f64 / (count - 1) as f64);
+        let temperature = kind.temperature(i as f64 / (count - 1) as f64);
         element += if kind.lag_s > 0.0 {
-            (telemetry - element) * (-(-interval_s / kind.lag_s).exp_m1())
+            (temperature - element) * (-(-interval_s / kind.lag_s).exp_m1())
         } else {
-            telemetry - element
+            temperature - element
         };
-        play = play.max(telemetry - PLAY).min(telemetry + PLAY);
+        play = play.max(temperature - PLAY).min(temperature + PLAY);
         if kind.flicker > 0.0 {
             for (state, tau) in flicker.iter_mut().zip(FLICKER_S) {
                 let keep = (-interval_s / tau).exp();
@@ -102,11 +102,11 @@ pub(super) fn rows(unit: &Unit, kind: &WarmUp, random: &mut RandomGenerator) -> 
             let part = if sensor < AXES { 1.0 } else { 0.1 };
             let floor: f64 = flicker.iter().map(|state| state[sensor]).sum::<f64>() / (FLICKER_S.len() as f64).sqrt();
             let noise = kind.noise * (random.normal() + kind.flicker * floor);
-            let off = plays[sensor] * (play - telemetry) / PLAY;
+            let off = plays[sensor] * (play - temperature) / PLAY;
             attitude[sensor] + unit.at(sensor, element) + part * (noise + off)
         };
         let readings: [f64; SENSORS] = core::array::from_fn(reading);
-        sample(i, interval_ns(f64::from(kind.rate_hz)), telemetry, &readings)
+        sample(i, interval_ns(f64::from(kind.rate_hz)), temperature, &readings)
     };
     (0..count).map(row).collect()
 }

@@ -24,8 +24,8 @@ pub struct MeanRow {
     pub position: u32,
     /// Rates of the positive and the negative channels of A1, A2, A3 \[pulse/s\].
     pub rates: [[f64; 2]; AXES],
-    /// Telemetry of heads and boards.
-    pub telemetry: [[f64; AXES]; 2],
+    /// Temperature of heads and boards.
+    pub temperature: [[f64; AXES]; 2],
 }
 
 /// Reads the bytes of a sheet of means with the mapping of a campaign file. `name` stands for it in messages.
@@ -83,8 +83,8 @@ impl TextSource {
             );
             return Err(RowRefusal::Text(self.rows.error(message)));
         }
-        let [head, board] = self.telemetry()?.map(|values| [values[0], values[1], values[2]]);
-        Ok(MeanRow { line: self.rows.line(), set_point_c, position, rates, telemetry: [head, board] })
+        let [head, board] = self.temperature()?.map(|values| [values[0], values[1], values[2]]);
+        Ok(MeanRow { line: self.rows.line(), set_point_c, position, rates, temperature: [head, board] })
     }
 }
 

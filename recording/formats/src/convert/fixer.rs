@@ -27,9 +27,9 @@ const OFF: f64 = 0.35;
 /// Last rows that a row may repeat.
 const REMEMBERED: usize = 1024;
 
-/// Mends the stamps of rows.
+/// Fixes the stamps of rows.
 #[derive(Clone, Debug)]
-pub(super) struct Mender {
+pub(super) struct Fixer {
     rhythm: Rhythm,
     /// Which rows are left out, since they are there twice.
     twice: Twice,
@@ -62,7 +62,7 @@ struct WaitingRow {
     is_odd: bool,
 }
 
-impl Mender {
+impl Fixer {
     /// Of rows whose stamps have this rhythm. `adds_up`: the values count since the row before.
     pub(super) fn new(rhythm: Rhythm, twice: Twice, adds_up: bool) -> Self {
         Self {
@@ -169,7 +169,7 @@ impl Mender {
         ready.push_back(reading);
     }
 
-    /// Finds the good rows of the window, gives those up to a calm place, and mends what is between them.
+    /// Finds the good rows of the window, gives those up to a calm place, and fixes what is between them.
     fn resolve(&mut self, is_end: bool, ready: &mut VecDeque<ForeignRow>) {
         let stamps: Vec<_> = self.waiting.iter().map(|row| row.stamp_ns).collect();
         let mut chain = chain(&stamps, self.last.map(|(stamp_ns, _)| stamp_ns), is_end, &self.rhythm, &self.rollover);
@@ -186,7 +186,7 @@ impl Mender {
         while at < rows {
             let end = (at..rows).find(|at| is_good[*at]).unwrap_or(rows);
             if at < end {
-                self.mend(&good, at..end, &mut placed);
+                self.fix(&good, at..end, &mut placed);
             }
             at = end + 1;
         }
@@ -226,7 +226,7 @@ impl Mender {
                 (None, _) => stamp_ns,
             };
             last = Some((stamp_ns, time_ns));
-            good.push(SessionRow { session, time_ns, at, is_mended: false });
+            good.push(SessionRow { session, time_ns, at, is_fixed: false });
         }
         good
     }
@@ -234,7 +234,7 @@ impl Mender {
     /// Places the bad rows of a run between two good ones, and counts them: where their own stamps have them in this
     /// hole or the ones beside it; or in order, where as many places are left as rows; or where their own stamps have
     /// them nearby.
-    fn mend(&mut self, good: &[SessionRow], run: core::ops::Range<usize>, placed: &mut Vec<SessionRow>) {
+    fn fix(&mut self, good: &[SessionRow], run: core::ops::Range<usize>, placed: &mut Vec<SessionRow>) {
         let next = good.partition_point(|row| row.at < run.start);
         let before = next.checked_sub(1).map(|before| (good[before], self.waiting[good[before].at].stamp_ns));
         let first = self.last.map(|(stamp_ns, time_ns)| (SessionRow { time_ns, ..SessionRow::default() }, stamp_ns));
@@ -242,10 +242,10 @@ impl Mender {
         let later = good.get(next).map(|row| (*row, self.waiting[row.at].stamp_ns));
         let around = [earlier, later].map(|row| row.map(|(_, stamp_ns)| stamp_ns));
         let rows = run.len() + 1;
-        let own = |mender: &Self, at: usize, good: &[SessionRow], placed: &[SessionRow]| {
+        let own = |fixer: &Self, at: usize, good: &[SessionRow], placed: &[SessionRow]| {
             let (clock, first_ns) = earlier.or(later)?;
-            let time_ns = after(clock.time_ns, first_ns, mender.waiting[at].stamp_ns);
-            mender.own_place(SessionRow { time_ns, at, ..clock }, good, placed)
+            let time_ns = after(clock.time_ns, first_ns, fixer.waiting[at].stamp_ns);
+            fixer.own_place(SessionRow { time_ns, at, ..clock }, good, placed)
         };
         let mut left = Vec::new();
         let mut highest_ns = around[0].unwrap_or(0);
@@ -271,7 +271,7 @@ impl Mender {
             let (kind, spot) = (self.kind(at, around), self.spot(at));
             if let Some(row) = free.next() {
                 placed.push(SessionRow { at, ..row });
-                self.tally.take(kind, Remedy::Mended, spot);
+                self.tally.take(kind, Remedy::Fixed, spot);
             } else if let Some(row) = own(self, at, near(good, at), placed) {
                 placed.push(row);
                 self.tally.take(BadStamp::Overtaken, Remedy::Sorted, spot);
@@ -299,7 +299,7 @@ impl Mender {
         let free = (1..rows).filter(|slot| !taken.contains(slot)).map(|slot| {
             let step_ns = i128::from(later.time_ns) - i128::from(earlier.time_ns);
             let time_ns = i128::from(earlier.time_ns) + step_ns * slot as i128 / rows as i128;
-            SessionRow { session, time_ns: time_ns as u64, at: 0, is_mended: true }
+            SessionRow { session, time_ns: time_ns as u64, at: 0, is_fixed: true }
         });
         Some(free.collect())
     }
@@ -337,7 +337,7 @@ impl Mender {
         let slot = hole.slot(row.time_ns, slots);
         let is_near = (slot - slot.round()).abs() <= OFF && (1.0..slots).contains(&slot.round());
         let is_free = is_near && !hole.taken(row.session, slots, placed).any(|taken| taken == slot.round() as usize);
-        is_free.then_some(SessionRow { is_mended: false, ..row })
+        is_free.then_some(SessionRow { is_fixed: false, ..row })
     }
 
     /// Adds what a row that is left out has counted to the next one.
@@ -357,7 +357,7 @@ impl Mender {
             let reading = self.waiting[row.at].reading;
             let begins_session = core::mem::replace(&mut session, row.session) != row.session;
             let timestamp_ns = Some(row.time_ns);
-            ready.push_back(ForeignRow { timestamp_ns, begins_session, is_mended: row.is_mended, ..reading });
+            ready.push_back(ForeignRow { timestamp_ns, begins_session, is_fixed: row.is_fixed, ..reading });
         }
         self.waiting.drain(..rows);
         self.front += rows as u64;

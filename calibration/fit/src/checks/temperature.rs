@@ -1,4 +1,4 @@
-//! The telemetry of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set
+//! The temperature of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set
 //! points that were not settled, set points that were not reached.
 
 use super::{Checker, Column, SetPoint, Steps, last_digit};
@@ -7,45 +7,45 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 use isotherm_support::finding::{Finding, Severity, name};
 
-/// Within a dwell, telemetry that changes by more than this part of the step to a neighbouring set point is a fault ..
+/// Within a dwell, temperature that changes by more than this part of the step to a neighbouring set point is a fault ..
 const DWELL_DRIFT: f64 = 0.5;
 /// .. if it also changes by more than this many times what is usual within a dwell.
 const DWELL_NOISE: f64 = 3.0;
-/// Telemetry resolves set points that are at least this many of its digits apart.
+/// Temperature resolves set points that are at least this many of its digits apart.
 const RESOLVED: f64 = 2.0;
 /// The last digit may change to the next one, whatever the temperature does: a change by less than this many digits
 /// says nothing.
 const FLICKER: f64 = 1.5;
-/// No temperature is further from all set points than this many times what telemetry spans from the lowest to the
+/// No temperature is further from all set points than this many times what temperature spans from the lowest to the
 /// highest.
 const IMPOSSIBLE: f64 = 10.0;
 /// Over a set point, a change by more than this part of the step gives a warning.
 const SET_POINT_DRIFT: f64 = 0.1;
-/// Two set points whose telemetry is nearer than this part of the step read alike.
+/// Two set points whose temperature is nearer than this part of the step read alike.
 const ALIKE: f64 = 0.1;
 
-/// Lowest and highest telemetry of a block, by axis.
+/// Lowest and highest temperature of a block, by axis.
 type Ranges = fn(&Block) -> &[[f64; 2]; AXES];
 
 /// The sensors of an accelerometer.
 const SENSORS: [(&str, Ranges); 2] = [("head", |block| &block.head), ("board", |block| &block.board)];
 
-/// The last digit of the telemetry of `axis`.
+/// The last digit of the temperature of `axis`.
 fn digit(dwells: &[Dwell], axis: usize, ranges: Ranges) -> f64 {
     last_digit(dwells.iter().flat_map(|dwell| &dwell.blocks).flat_map(|block| ranges(block)[axis]).collect())
 }
 
-/// The last digits of head and board telemetry of each accelerometer.
+/// The last digits of head and board temperature of each accelerometer.
 pub(crate) fn last_digits(dwells: &[Dwell]) -> [[f64; AXES]; 2] {
     SENSORS.map(|(_, ranges)| [0, 1, 2].map(|axis| digit(dwells, axis, ranges)))
 }
 
-/// One column of telemetry.
-struct Telemetry {
+/// One column of temperature.
+struct Temperature {
     name: String,
     axis: usize,
     ranges: Ranges,
-    /// Set points \[degC\], and the telemetry there.
+    /// Set points \[degC\], and the temperature there.
     means: Vec<(f64, f64)>,
     steps: Steps,
     /// The usual step from set point to set point, the usual spread within a dwell, and the last digit.
@@ -54,7 +54,7 @@ struct Telemetry {
     digit: f64,
 }
 
-impl Telemetry {
+impl Temperature {
     fn new(dwells: &[Dwell], set_points: &[SetPoint], axis: usize, (sensor, ranges): (&str, Ranges)) -> Self {
         let name = format!("a{}_{sensor}", axis + 1);
         let digit = digit(dwells, axis, ranges);
@@ -101,59 +101,59 @@ impl Telemetry {
 
 impl Checker<'_> {
     /// All rules, for each column.
-    pub(super) fn telemetry(&mut self, set_points: &[SetPoint]) {
+    pub(super) fn temperature(&mut self, set_points: &[SetPoint]) {
         let mut columns: Vec<Column> = Vec::new();
         for (axis, sensor) in (0..AXES).flat_map(|axis| SENSORS.map(|sensor| (axis, sensor))) {
-            let telemetry = Telemetry::new(self.dwells, set_points, axis, sensor);
-            columns.push(telemetry.column());
-            if self.constant(&telemetry) {
+            let temperature = Temperature::new(self.dwells, set_points, axis, sensor);
+            columns.push(temperature.column());
+            if self.constant(&temperature) {
                 continue;
             }
-            self.broken_readings(&telemetry);
+            self.broken_readings(&temperature);
             // If set points are not resolved, two may read alike, and noise may be larger than their distance.
-            if !telemetry.is_resolved() || self.stuck(&telemetry) {
+            if !temperature.is_resolved() || self.stuck(&temperature) {
                 continue;
             }
-            self.drift(&telemetry);
-            self.settled(&telemetry, set_points);
+            self.drift(&temperature);
+            self.settled(&temperature, set_points);
         }
         self.scale(&columns);
     }
 
     /// Whether a sensor does not react at all. An oven's may have the same median everywhere, but its last digits move.
-    fn constant(&mut self, telemetry: &Telemetry) -> bool {
-        let constant = telemetry.step == 0.0 && telemetry.spread == 0.0;
+    fn constant(&mut self, temperature: &Temperature) -> bool {
+        let constant = temperature.step == 0.0 && temperature.spread == 0.0;
         if constant {
-            let message = format!("{} is the same at every set point; is the sensor connected?", telemetry.name);
-            self.findings.push(Finding::whole(Severity::Fault, name::TELEMETRY_CONSTANT, message));
+            let message = format!("{} is the same at every set point; is the sensor connected?", temperature.name);
+            self.findings.push(Finding::whole(Severity::Fault, name::TEMPERATURE_CONSTANT, message));
         }
         constant
     }
 
     /// Rows that no temperature gives. They would be in the dwell's mean and in the table's range: nothing is left to
     /// accept.
-    fn broken_readings(&mut self, telemetry: &Telemetry) {
-        let [low, high] = joint_range(telemetry.means.iter().map(|(_, mean)| [*mean; 2]));
-        let far = IMPOSSIBLE * (high - low).max(telemetry.spread).max(telemetry.digit);
+    fn broken_readings(&mut self, temperature: &Temperature) {
+        let [low, high] = joint_range(temperature.means.iter().map(|(_, mean)| [*mean; 2]));
+        let far = IMPOSSIBLE * (high - low).max(temperature.spread).max(temperature.digit);
         for dwell in 0..self.dwells.len() {
-            let blocks = self.dwells[dwell].blocks.iter().map(|block| (block.line, telemetry.block(block)));
+            let blocks = self.dwells[dwell].blocks.iter().map(|block| (block.line, temperature.block(block)));
             let broken = blocks.into_iter().find(|(_, [least, most])| *least < low - far || *most > high + far);
             if let Some((line, [least, most])) = broken {
                 let value = if most > high + far { most } else { least };
                 let message = format!(
-                    "{} reads {value:?}, and {low:.4} to {high:.4} at the set points: a broken reading; mend the row or leave the dwell \
+                    "{} reads {value:?}, and {low:.4} to {high:.4} at the set points: a broken reading; fix the row or leave the dwell \
                      out with --exclude",
-                    telemetry.name
+                    temperature.name
                 );
-                self.report_dwell(Severity::Fault, name::TELEMETRY_READING, dwell, line, message);
+                self.report_dwell(Severity::Fault, name::TEMPERATURE_READING, dwell, line, message);
             }
         }
     }
 
     /// Whether a reading is exactly the same in two dwells at different set points: then the sensor does not work.
-    fn stuck(&mut self, telemetry: &Telemetry) -> bool {
+    fn stuck(&mut self, temperature: &Temperature) -> bool {
         let constant =
-            |dwell: &Dwell| Some(telemetry.range(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
+            |dwell: &Dwell| Some(temperature.range(dwell)).filter(|[low, high]| low == high).map(|[low, _]| low);
         let stuck = (1..self.dwells.len()).find(|&dwell| {
             let (before, after) = (&self.dwells[dwell - 1], &self.dwells[dwell]);
             before.set_point_c != after.set_point_c && constant(before).is_some() && constant(before) == constant(after)
@@ -161,43 +161,43 @@ impl Checker<'_> {
         if let Some(dwell) = stuck {
             let message = format!(
                 "{} does not move from the set point before in any digit; is the sensor connected?",
-                telemetry.name
+                temperature.name
             );
-            self.report_dwell(Severity::Fault, name::TELEMETRY_STUCK, dwell, self.dwells[dwell].lines[0], message);
+            self.report_dwell(Severity::Fault, name::TEMPERATURE_REPEATED, dwell, self.dwells[dwell].lines[0], message);
         }
         stuck.is_some()
     }
 
-    /// Dwells within which telemetry moves.
-    fn drift(&mut self, telemetry: &Telemetry) {
-        let Telemetry { name: column, steps, spread, digit, .. } = telemetry;
+    /// Dwells within which temperature moves.
+    fn drift(&mut self, temperature: &Temperature) {
+        let Temperature { name: column, steps, spread, digit, .. } = temperature;
         for (index, dwell) in self.dwells.iter().enumerate() {
-            let [low, high] = telemetry.range(dwell);
+            let [low, high] = temperature.range(dwell);
             let step = steps.at(dwell.set_point_c);
             let drifts = high - low > (DWELL_DRIFT * step).max(DWELL_NOISE * spread).max(FLICKER * digit);
             if !drifts {
                 continue;
             }
-            let usual = telemetry.middle(dwell);
+            let usual = temperature.middle(dwell);
             let is_off = |block: &&Block| {
-                let [low, high] = telemetry.block(block);
+                let [low, high] = temperature.block(block);
                 (low - usual).abs().max((high - usual).abs()) > 0.5 * DWELL_DRIFT * step
             };
             let line = dwell.blocks.iter().find(is_off).map_or(dwell.lines[0], |block| block.line);
             let message = format!(
                 "{column} runs from {low} to {high} within the dwell, while set points are {step:.3} apart here: a broken \
-                 reading, or a temperature that was not settled; mend the rows or leave the dwell out with --exclude"
+                 reading, or a temperature that was not settled; fix the rows or leave the dwell out with --exclude"
             );
-            self.report_dwell(Severity::Fault, name::TELEMETRY_DRIFT, index, line, message);
+            self.report_dwell(Severity::Fault, name::TEMPERATURE_DRIFT, index, line, message);
         }
     }
 
-    /// Set points while which telemetry moves, and those that read as another one: they were not settled, or not
+    /// Set points while which temperature moves, and those that read as another one: they were not settled, or not
     /// reached.
-    fn settled(&mut self, telemetry: &Telemetry, set_points: &[SetPoint]) {
-        let Telemetry { name: column, means, steps, digit, .. } = telemetry;
+    fn settled(&mut self, temperature: &Temperature, set_points: &[SetPoint]) {
+        let Temperature { name: column, means, steps, digit, .. } = temperature;
         for (set_point, (at, mean)) in set_points.iter().zip(means) {
-            let middles = set_point.dwells.iter().map(|&dwell| [telemetry.middle(&self.dwells[dwell]); 2]);
+            let middles = set_point.dwells.iter().map(|&dwell| [temperature.middle(&self.dwells[dwell]); 2]);
             let [low, high] = joint_range(middles);
             let step = steps.at(*at);
             if high - low > (SET_POINT_DRIFT * step).max(FLICKER * digit) {
@@ -205,7 +205,7 @@ impl Checker<'_> {
                 let message = format!(
                     "{column} moves from {low:.4} to {high:.4} while the set point is measured: the soak was too short"
                 );
-                self.report_set_point(Severity::Warning, name::TELEMETRY_DRIFT, *at, line, message);
+                self.report_set_point(Severity::Warning, name::TEMPERATURE_DRIFT, *at, line, message);
             }
             let alike = |(other, value): &&(f64, f64)| other < at && (value - mean).abs() < ALIKE * step;
             if let Some((other, _)) = means.iter().find(alike) {

@@ -1,4 +1,4 @@
-//! Telemetry of a static pose, without the glitches of a thermometer.
+//! Temperature of a static pose, without the glitches of a thermometer.
 
 use isotherm_campaign::{joint_range, stretches};
 use isotherm_shared::wire::{AXES, RawSample};
@@ -15,18 +15,18 @@ const MAD: f64 = 1.4826;
 /// The step is this quantile of the changes from row to row.
 const QUANTILE: f64 = 0.01;
 
-/// Head and board telemetry of each accelerometer.
-pub(crate) type Telemetry = [[f64; AXES]; 2];
+/// Head and board temperature of each accelerometer.
+pub(crate) type Temperature = [[f64; AXES]; 2];
 
-/// The telemetry of a row.
-pub(super) fn of_row(row: &RawSample) -> Telemetry {
+/// The temperature of a row.
+pub(super) fn of_row(row: &RawSample) -> Temperature {
     [row.accelerometers.head_temperature, row.accelerometers.board_temperature]
 }
 
-/// The steps of the telemetry of a recording: the 1 % quantile of its changes from row to row; 0 without any. Changes
+/// The steps of the temperature of a recording: the 1 % quantile of its changes from row to row; 0 without any. Changes
 /// over a gap, and to and from error codes, do not count.
 #[must_use]
-pub fn telemetry_steps(rows: &[RawSample]) -> Telemetry {
+pub fn temperature_steps(rows: &[RawSample]) -> Temperature {
     let stretches = stretches(rows);
     let is_code = |value: f64| ERROR_CODES.contains(&value);
     let step = |sensor: usize, axis: usize| {
@@ -43,8 +43,8 @@ pub fn telemetry_steps(rows: &[RawSample]) -> Telemetry {
     [0, 1].map(|sensor| [0, 1, 2].map(|axis| step(sensor, axis)))
 }
 
-/// The telemetry of one sensor over a static pose.
-pub(super) struct CleanTelemetry {
+/// The temperature of one sensor over a static pose.
+pub(super) struct CleanTemperature {
     pub mean: f64,
     pub range: [f64; 2],
     /// Rows that are glitches.
@@ -52,7 +52,7 @@ pub(super) struct CleanTelemetry {
     pub median: f64,
 }
 
-impl CleanTelemetry {
+impl CleanTemperature {
     pub(super) fn of(values: &[f64], step: f64) -> Self {
         let middle = median(values.iter().copied());
         let deviation = MAD * median(values.iter().map(|value| (value - middle).abs()));
