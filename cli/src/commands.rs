@@ -39,9 +39,16 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 use isotherm_support::failure::Failure;
 
+/// The switch of the messages in a command that writes a log in their place.
+fn hidden(name: &'static str, short: char) -> clap::Arg {
+    clap::Arg::new(name).short(short).long(name).global(true).hide(true).action(clap::ArgAction::SetTrue)
+}
+
 /// The commands of the program.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    // It is that of `isothermd`, and writes a log.
+    #[command(arg = hidden("quiet", 'q'), arg = hidden("verbose", 'v'))]
     Serve(Serve),
     #[command(arg = no_domain())]
     Check(Check),

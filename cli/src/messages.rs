@@ -15,15 +15,20 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 /// Prints the message of each event behind the name of the program.
 struct PlainLines;
 
-/// The message of an event.
+/// The message of an event. The client library names the IMU that it warns of.
 #[derive(Default)]
-struct Message(String);
+struct Message {
+    imu: Option<String>,
+    text: String,
+}
 
 impl Visit for Message {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
-        if field.name() == "message" {
+        match field.name() {
+            "imu" => self.imu = Some(format!("{value:?}")),
             // Writing to a String cannot fail.
-            let _ = write!(self.0, "{value:?}");
+            "message" => drop(write!(self.text, "{value:?}")),
+            _ => {}
         }
     }
 }
@@ -32,7 +37,10 @@ impl<S: Subscriber> Layer<S> for PlainLines {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut message = Message::default();
         event.record(&mut message);
-        tell_plainly("isotherm", message.0);
+        match message.imu {
+            Some(imu) => tell_plainly("isotherm", format_args!("warning: IMU {imu}: {}", message.text)),
+            None => tell_plainly("isotherm", message.text),
+        }
     }
 }
 

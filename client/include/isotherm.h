@@ -528,8 +528,8 @@ typedef struct {
      */
     uint64_t timeout_ns;
     /**
-     * Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than the
-     * table's. Outer blanks do not count.
+     * Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than
+     * the table's. Outer blanks do not count.
      */
     const char *serial;
     /**
@@ -559,7 +559,8 @@ typedef struct {
      */
     double board_temperature[3];
     /**
-     * The head temperature behind a first-order lag of `lag_ns` of the sample, in the table's unit; unused if that is 0.
+     * The head temperature behind a first-order lag of `lag_ns` of the sample, in the table's unit; unused if that is
+     * 0.
      */
     double head_lagged[3];
 } isotherm_triad;
@@ -745,8 +746,8 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
  * discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them, except
- * `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
+ * `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them,
+ * except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
  * highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
  * flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
  *
@@ -803,8 +804,8 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
  * waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
  *
  * Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
- * something: another unit, a missing interval, temperature that is not finite on one side, time that is missing between
- * the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
+ * something: another unit, a missing interval, temperature that is not finite on one side, time that is missing
+ * between the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
  * ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
  * table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
  * with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every
@@ -955,8 +956,8 @@ isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isother
 
 /**
  * Goes on with a state that was saved, on the same clock, as if the temperature had gone straight on in the pause. A
- * sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one, which
- * is then of another clock, is unknown as after isotherm_forget_lag.
+ * sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one,
+ * which is then of another clock, is unknown as after isotherm_forget_lag.
  *
  * Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
  * when the machine is started anew.

@@ -1,5 +1,5 @@
-//! The lagged temperature of live samples: an acquisition feeds its readings, and every sample that it sends carries the
-//! state.
+//! The lagged temperature of live samples: an acquisition feeds its readings, and every sample that it sends carries
+//! the state.
 
 use crate::clock::{boot, monotonic_ns};
 use crate::kept::Ceiling;
@@ -264,7 +264,8 @@ impl AcquisitionLag {
         self.restored = self.fed;
     }
 
-    /// Fills time constant and lagged temperature into a sample, unless the application has done so or feeds no readings.
+    /// Fills time constant and lagged temperature into a sample, unless the application has done so or feeds no
+    /// readings.
     #[inline]
     pub(crate) fn fill(&self, raw: &mut RawSample) {
         if raw.lag_ns == 0 && self.lag.lag_ns != 0 && self.fed != 0 {
@@ -280,8 +281,8 @@ impl AcquisitionLag {
         self.fed & 1 << sensor != 0 && self.lag.is_known(sensor)
     }
 
-    /// Lagged temperature that is unknown is not equal to the temperature. So the increments of the sensor will be flagged,
-    /// except for gyroscopes that the IMU does not have.
+    /// Lagged temperature that is unknown is not equal to the temperature. So the increments of the sensor will be
+    /// flagged, except for gyroscopes that the IMU does not have.
     fn mark_unknown(&self, raw: &mut RawSample) {
         for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
             if first == 0 || !triad.is_absent() {

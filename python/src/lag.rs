@@ -35,8 +35,8 @@ pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     name.parse().map_err(|error: isotherm_client::UnknownSensor| PyValueError::new_err(error.to_string()))
 }
 
-/// The state of a lag: for each sensor None, or time \[ns\], temperature and lagged temperature of its last reading, and
-/// the share of an unknown start, and the machine's start that the time is of.
+/// The state of a lag: for each sensor None, or time \[ns\], temperature and lagged temperature of its last reading,
+/// and the share of an unknown start, and the machine's start that the time is of.
 #[derive(IntoPyObject)]
 #[pyo3(transparent)]
 pub(crate) struct LagState(Vec<Option<Kept>>);

@@ -192,8 +192,8 @@ pub struct RawCsvWriter<W> {
 
 impl<W: Write> RawCsvWriter<W> {
     /// Writes the header row of samples of accelerometers. `leading` has the comma-separated names of the caller's own
-    /// columns, which come first; it is empty if there are none. With `telemetry_ns`, the time of the temperature is the
-    /// last column.
+    /// columns, which come first; it is empty if there are none. With `telemetry_ns`, the time of the temperature is
+    /// the last column.
     ///
     /// # Errors
     /// Those of the sink.

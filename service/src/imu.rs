@@ -235,8 +235,8 @@ struct LoggedLosses {
     at: Option<Instant>,
 }
 
-/// Samples of another device than the table's: how many there were of which table, and the session and the unit with its
-/// table of the last log line.
+/// Samples of another device than the table's: how many there were of which table, and the session and the unit with
+/// its table of the last log line.
 #[derive(Default)]
 struct LoggedDevice {
     samples: u64,

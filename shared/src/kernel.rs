@@ -101,8 +101,8 @@ impl Kernel {
     /// whether the lagged temperature counts.
     ///
     /// `None` for the unusual: unless every temperature is inside the range of every polynomial that it drives, and
-    /// therefore finite, every difference of the lagged temperature can be used, every scale factor and result is finite,
-    /// and no pulse rate is near its limit.
+    /// therefore finite, every difference of the lagged temperature can be used, every scale factor and result is
+    /// finite, and no pulse rate is near its limit.
     #[inline(always)]
     pub(crate) fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
         let ts = f64x2::splat(ts);
@@ -229,7 +229,8 @@ struct Lanes<const P: usize> {
     rate: Pairs<P>,
 }
 
-/// Largest difference of the lagged temperature that is used; any finite one where there is no transient term to use it.
+/// Largest difference of the lagged temperature that is used; any finite one where there is no transient term to use
+/// it.
 fn max_lag_difference(axis: &Axis) -> f64 {
     let [low, high] = axis.bias.range();
     if axis.transient == 0.0 { f64::MAX } else { high - low }

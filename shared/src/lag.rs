@@ -1,5 +1,5 @@
-//! The lagged temperature: the head temperature of each sensor behind a first-order lag. The transient term of a bias needs
-//! it.
+//! The lagged temperature: the head temperature of each sensor behind a first-order lag. The transient term of a bias
+//! needs it.
 //!
 //! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline
 //! tools for recordings that have no lagged temperature.
@@ -13,11 +13,11 @@
 //! k = (1 - a) * tau / dt
 //! L = U + (L_last - U_last) * a - (U - U_last) * k
 //! ```
-//! which is exact for temperature that is linear between two readings. So L does not depend on how often the temperature is
-//! read.
+//! which is exact for temperature that is linear between two readings. So L does not depend on how often the
+//! temperature is read.
 //!
-//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the temperature would be
-//! taken to rise in one sample what it rose since the last measurement.
+//! A reading is a new measurement. A value that is only repeated from sample to sample is none: the temperature would
+//! be taken to rise in one sample what it rose since the last measurement.
 
 use crate::wire::{AXES, RawSample};
 use serde::{Deserialize, Serialize};
@@ -98,8 +98,8 @@ impl Lag {
         self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE)
     }
 
-    /// Takes a new reading of one of the [`SENSORS`]: the head temperature, and when it was measured on the acquisition's
-    /// clock \[ns\].
+    /// Takes a new reading of one of the [`SENSORS`]: the head temperature, and when it was measured on the
+    /// acquisition's clock \[ns\].
     ///
     /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does
     /// not exist. One of an earlier time is of a clock that was set back: L is kept, and the temperature goes on from

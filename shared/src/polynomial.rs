@@ -10,8 +10,8 @@
 /// Highest order of a table's polynomial.
 pub const MAX_ORDER: usize = 7;
 
-/// A polynomial of order 0 to [`MAX_ORDER`] over a range of temperature. Coefficients, centre, scale and range are always
-/// finite, the scale is never 0, and the range is never empty.
+/// A polynomial of order 0 to [`MAX_ORDER`] over a range of temperature. Coefficients, centre, scale and range are
+/// always finite, the scale is never 0, and the range is never empty.
 ///
 /// ```
 /// use isotherm_shared::polynomial::{Polynomial, Side};

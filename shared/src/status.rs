@@ -164,16 +164,16 @@ pub struct ImuStatus {
     pub other_device: Option<String>,
     /// Time constant of the lagged temperature in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
-    /// Time constant of the lagged temperature of the last sample \[s\]; null if it has none, or before the first sample.
-    /// If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
+    /// Time constant of the lagged temperature of the last sample \[s\]; null if it has none, or before the first
+    /// sample. If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
     pub sample_lag_s: Option<f64>,
     /// Nominal interval that the scale factors of the table in force are of \[s\]; null without one, as of counts.
     #[serde(default)]
     pub nominal_interval_s: Option<f64>,
     /// The temperature that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
-    /// Head temperature of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the first
-    /// sample.
+    /// Head temperature of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the
+    /// first sample.
     pub head_temperature: [Option<f64>; AXES],
     /// Board temperature of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
@@ -315,8 +315,8 @@ described! {
 pub struct GyroscopeStatus {
     /// The temperature that their polynomials were calibrated over.
     pub ranges: Ranges,
-    /// Head temperature of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the first
-    /// sample.
+    /// Head temperature of the last sample, G1 to G3, in the table's unit; null if it is not finite, or before the
+    /// first sample.
     pub head_temperature: [Option<f64>; AXES],
     /// Board temperature of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],

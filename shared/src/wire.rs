@@ -30,7 +30,8 @@ pub struct Triad {
     pub head_temperature: [f64; AXES],
     /// Temperature of the converter board, in the table's unit; it drives both scale factors.
     pub board_temperature: [f64; AXES],
-    /// The head temperature behind a first-order lag of [`RawSample::lag_ns`], in the table's unit; unused if that is 0.
+    /// The head temperature behind a first-order lag of [`RawSample::lag_ns`], in the table's unit; unused if that is
+    /// 0.
     pub head_lagged: [f64; AXES],
 }
 
@@ -379,8 +380,8 @@ flags! {
         LAG_UNKNOWN = 21,
             "It ends by itself after a start or a new table. If it stays, feed `reading` with each temperature, and let the \
              lag follow the table's: docs/temperature-in-motion.md.";
-        /// The sample is of another device than the table; not flagged where either is unknown. The increment is computed
-        /// with that table.
+        /// The sample is of another device than the table; not flagged where either is unknown. The increment is
+        /// computed with that table.
         OTHER_DEVICE = 22, "Give the unit its own table, or correct the serial number that the acquisition tells.";
         /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
         G_UNKNOWN = 23, "Fix what makes the velocity increment NaN: another flag tells.";

@@ -30,8 +30,8 @@ const MAX_RATIO: f64 = 1.25;
 /// Longest time of a program under valgrind.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// What is counted: a name, the program, a part of the function's name, and the bound, 6 to 15 % above what a build without link-time
-/// optimization has reached.
+/// What is counted: a name, the program, a part of the function's name, and the bound, 6 to 15 % above what a build
+/// without link-time optimization has reached.
 struct Count(&'static str, Program, &'static str, f64);
 
 const COUNTS: [Count; 5] = [

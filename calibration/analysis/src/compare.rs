@@ -81,8 +81,8 @@ pub struct Comparison {
 }
 
 /// Compares tables: the first is the old one, the second the new one. Three or more are put in the order of their dates
-/// first; then the oldest and the newest are compared, and each quantity gets a line over the dates. With `other_device`
-/// they may be of different IMUs.
+/// first; then the oldest and the newest are compared, and each quantity gets a line over the dates. With
+/// `other_device` they may be of different IMUs.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -332,8 +332,8 @@ impl Dwell {
         (mean(second) - mean(first)) / (0.5 * self.sums.seconds)
     }
 
-    /// Mean time from the reading of the temperature to the middle of the counted time. 0 if it is longer than the dwell:
-    /// the drift within the dwell cannot be extrapolated so far.
+    /// Mean time from the reading of the temperature to the middle of the counted time. 0 if it is longer than the
+    /// dwell: the drift within the dwell cannot be extrapolated so far.
     fn age_s(&self) -> f64 {
         let age_s = self.sums.age / self.sums.seconds;
         if age_s.abs() <= self.sums.seconds { age_s } else { 0.0 }

@@ -211,8 +211,8 @@ fn cells(tables: &[&Installation]) -> String {
 struct CorrectCampaigns {
     campaigns: u64,
     refused: u64,
-    /// Gates that judged, and those of tables within their bound that refuse: for another cause than the factor, because
-    /// the turntable is poor, and for the factor.
+    /// Gates that judged, and those of tables within their bound that refuse: for another cause than the factor,
+    /// because the turntable is poor, and for the factor.
     judged: u64,
     gated: u64,
     missed: u64,

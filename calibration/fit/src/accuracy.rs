@@ -2,11 +2,11 @@
 //! gyroscopes also one for the g-sensitivities and one for the misalignments.
 //!
 //! Each curve has a 95 % interval at every temperature, from the covariance of its coefficients by Student's t with the
-//! curve's degrees of freedom: it holds at a temperature that was chosen before (pointwise). The band that holds for the
-//! whole curve at once is wider. The figure in the bottom line is the largest half width of the band over the range of
-//! the data. A constant error that all set points share (a wrong position, a wrong local gravity, an angle that every
-//! turn misses) is not in it; where a warning shows one, the line says that it is left out. Where the positions leave
-//! the base's tilt open there is no figure: the scatter between the set points does not show what a tilt does.
+//! curve's degrees of freedom: it holds at a temperature that was chosen before (pointwise). The band that holds for
+//! the whole curve at once is wider. The figure in the bottom line is the largest half width of the band over the range
+//! of the data. A constant error that all set points share (a wrong position, a wrong local gravity, an angle that
+//! every turn misses) is not in it; where a warning shows one, the line says that it is left out. Where the positions
+//! leave the base's tilt open there is no figure: the scatter between the set points does not show what a tilt does.
 
 use crate::gyroscopes::GyroscopeCalibration;
 use crate::result::Calibration;
@@ -153,8 +153,8 @@ impl ConstantsAccuracy {
     }
 }
 
-/// The largest half width of the 95 % interval of a curve over the measured temperature, in the curve's unit or relative
-/// to its value; it holds at one temperature. `None` without degrees of freedom.
+/// The largest half width of the 95 % interval of a curve over the measured temperature, in the curve's unit or
+/// relative to its value; it holds at one temperature. `None` without degrees of freedom.
 #[must_use]
 pub fn largest_interval(curve: &Curve, relative: bool) -> Option<f64> {
     largest_half_width(curve, relative, curve.point_quantile(CONFIDENCE)?)

@@ -26,8 +26,8 @@ impl<'a> AdmittedFindings<'a> {
     }
 }
 
-/// The findings as the options judge them, see [`Admission::admit`](isotherm_support::finding::Admission::admit); an error if a
-/// fault is left.
+/// The findings as the options judge them, see [`Admission::admit`](isotherm_support::finding::Admission::admit); an
+/// error if a fault is left.
 pub(crate) fn admit(
     findings: Vec<Finding>,
     options: &CalibrationOptions,

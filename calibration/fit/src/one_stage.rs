@@ -386,8 +386,8 @@ impl JointModel for AccelerometerModel<'_> {
     }
 }
 
-/// A, K+ and K- of each set point without the drift within it: the curve at the effective temperature plus the correction
-/// from the set point's residuals. `None` for a set point that does not determine its parameters.
+/// A, K+ and K- of each set point without the drift within it: the curve at the effective temperature plus the
+/// correction from the set point's residuals. `None` for a set point that does not determine its parameters.
 #[must_use]
 pub(crate) fn set_point_values(
     campaign: &Campaign,

@@ -140,8 +140,8 @@ struct Columns {
     /// \[s\]
     times: Vec<f64>,
     sessions: Vec<u64>,
-    /// Rates \[pulse/s\] of the sensors, and temperature; NaN of a full counter. `None` of a channel that never changes,
-    /// or that is as another one.
+    /// Rates \[pulse/s\] of the sensors, and temperature; NaN of a full counter. `None` of a channel that never
+    /// changes, or that is as another one.
     values: Vec<Option<Vec<f64>>>,
     tolerance: Vec<f64>,
 }

@@ -1,5 +1,5 @@
-//! Transients: the lag of the sensing elements behind their temperature, estimated from ramps and written only where the
-//! data show it.
+//! Transients: the lag of the sensing elements behind their temperature, estimated from ramps and written only where
+//! the data show it.
 //!
 //! # Model
 //! ```text
@@ -364,7 +364,8 @@ fn static_model(ramps: &Ramps, of: &Bias) -> Coefficients {
     equations.solve(&ramps.columns_of(&[Column::Constant, Column::Curve]))
 }
 
-/// The fitted curve over the range of the temperature \[g0 or deg/h\], shifted so that it is the axis's own at mid range.
+/// The fitted curve over the range of the temperature \[g0 or deg/h\], shifted so that it is the axis's own at mid
+/// range.
 fn curve(ramps: &Ramps, of: &Bias, coefficients: &Coefficients, axis: &Axis) -> Polynomial {
     let first = ramps.columns(Column::Curve).start;
     let [one, two, three] = core::array::from_fn(|k| coefficients.values[first + k]);

@@ -1,10 +1,10 @@
 //! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and gravity's length alone is the
 //! reference.
 //!
-//! Each static pose gives one equation: the length of the compensated specific force is g_local/g0. The direction is not
-//! known, so a rotation of the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of A2
-//! and A3. Every table gets the alignment matrix, the inverse of M. What the attitudes do not determine is refused by
-//! name.
+//! Each static pose gives one equation: the length of the compensated specific force is g_local/g0. The direction is
+//! not known, so a rotation of the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of
+//! A2 and A3. Every table gets the alignment matrix, the inverse of M. What the attitudes do not determine is refused
+//! by name.
 //!
 //! One temperature gives constants; several, at most as many coefficients as temperatures.
 

@@ -121,7 +121,7 @@ fn result(page: &mut Page, table: &CoefficientTable, magnitudes: &Magnitudes, so
     let largest = magnitudes.largest();
     let error = shown(largest.error.value, largest.error.interval);
     page.key_values(&[
-        ("StaticPoses", counts(magnitudes)),
+        ("Static poses", counts(magnitudes)),
         ("Local gravity", magnitudes.gravity_source.to_string()),
         ("Shown", magnitudes.shown.to_string()),
         ("Largest error", format!("{error}e-6 g0, static pose {}", largest.reading.number)),
@@ -137,7 +137,7 @@ fn result(page: &mut Page, table: &CoefficientTable, magnitudes: &Magnitudes, so
 }
 
 fn static_poses(page: &mut Page, magnitudes: &Magnitudes) {
-    page.heading(2, "static_poses", "StaticPoses");
+    page.heading(2, "static_poses", "Static poses");
     let points = magnitudes.poses.iter().map(|it| (it.reading.number as f64, it.error.value * 1e6));
     let bars = magnitudes.poses.iter().map(|it| it.error.interval * 1e6);
     let plot = Plot::new("Length of the output less local gravity", "Number of the static pose", "Error / 1e-6 g0");
@@ -154,5 +154,5 @@ fn static_poses(page: &mut Page, magnitudes: &Magnitudes) {
         ("Error / 1e-6 g0", &|it| Cell::number(it.error.value * 1e6, 3)),
         ("95 % / 1e-6 g0", &|it| Cell::number(it.error.interval * 1e6, 3)),
     ];
-    page.columns("StaticPoses: specific force along the output axes", &magnitudes.poses, &columns);
+    page.columns("Static poses: specific force along the output axes", &magnitudes.poses, &columns);
 }

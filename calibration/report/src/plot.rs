@@ -34,8 +34,8 @@ pub enum Style {
 /// use isotherm_report::{Plot, Style};
 ///
 /// let points = [(1.0, 0.2), (2.0, f64::NAN), (3.0, -0.1)];
-/// let plot = Plot::new("Residual", "Temperature / V", "Residual / ug0").series("A1", Style::Points, points).zero_line();
-/// assert!(plot.svg().into_string().contains("Residual / ug0"));
+/// let plot = Plot::new("Residual", "Temperature / V", "Residual / ug0").series("A1", Style::Points,
+/// points).zero_line(); assert!(plot.svg().into_string().contains("Residual / ug0"));
 /// ```
 #[derive(Clone, Debug)]
 pub struct Plot {

@@ -274,7 +274,7 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
     page.table("Values at mid temperature with 95 % intervals", &header, &rows);
     page.key_values(&[
-        ("StaticPoses", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
+        ("Static poses", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
         ("Groups by file, power-up and temperature", calibration.groups.count.to_string()),
         ("Temperatures", calibration.groups.levels.to_string()),
         ("Order", format!("{}: {}", calibration.unknowns.order, calibration.reasons[0])),
@@ -310,7 +310,7 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
 }
 
 fn residuals(page: &mut Page, calibration: &TumbleCalibration) {
-    page.heading(2, "static_poses", "StaticPoses");
+    page.heading(2, "static_poses", "Static poses");
     let points = calibration.readings.iter().zip(&calibration.residuals);
     let points: Vec<(f64, f64)> = points.map(|(reading, residual)| (reading.number as f64, residual * 1e6)).collect();
     let plot = Plot::new("Length of the output less local gravity", "Number of the static pose", "Residual / 1e-6 g0");
@@ -341,7 +341,7 @@ fn residuals(page: &mut Page, calibration: &TumbleCalibration) {
         "Head temperature",
         "Residual / 1e-6 g0",
     ];
-    page.table("StaticPoses: specific force along the output axes", &header, &rows);
+    page.table("Static poses: specific force along the output axes", &header, &rows);
 }
 
 fn curves(page: &mut Page, calibration: &TumbleCalibration) {

@@ -75,8 +75,8 @@ impl Curve {
         Self { measured, slope, ..self }
     }
 
-    /// The curve of temperature that is read in steps of `resolution`, 0 if it has none: the error of such a reading goes
-    /// into the interval.
+    /// The curve of temperature that is read in steps of `resolution`, 0 if it has none: the error of such a reading
+    /// goes into the interval.
     #[must_use]
     pub fn read_in_steps(self, resolution: f64) -> Self {
         Self { resolution, ..self }
@@ -179,9 +179,9 @@ impl Curve {
         self.half_width(temperature, self.point_quantile(confidence)?)
     }
 
-    /// Half width at `temperature` of the band that holds for the whole curve: with probability `confidence` the truth is
-    /// within it at all of the measured temperature at once. [`interval`](Self::interval) is what holds at a temperature
-    /// that was chosen before. `None` as there.
+    /// Half width at `temperature` of the band that holds for the whole curve: with probability `confidence` the truth
+    /// is within it at all of the measured temperature at once. [`interval`](Self::interval) is what holds at a
+    /// temperature that was chosen before. `None` as there.
     #[must_use]
     pub fn band(&self, temperature: f64, confidence: f64) -> Option<f64> {
         self.half_width(temperature, self.band_quantile(confidence)?)
@@ -235,8 +235,8 @@ impl Curve {
     }
 
     /// The polynomial for a table, multiplied by `factor`. It has powers of the raw temperature, or of the centred and
-    /// scaled temperature if cancellation between the raw powers would lose digits. `None` if the order is too high for a
-    /// table.
+    /// scaled temperature if cancellation between the raw powers would lose digits. `None` if the order is too high for
+    /// a table.
     #[must_use]
     pub fn polynomial(&self, factor: f64) -> Option<Polynomial> {
         let scaled = |coefficients: &[f64]| coefficients.iter().map(|c| c * factor).collect::<Vec<_>>();

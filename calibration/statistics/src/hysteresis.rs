@@ -1,8 +1,8 @@
 //! How far heating and cooling are apart: the sweeps of a recording and the hysteresis band of a residual.
 //!
-//! A sweep is what lies between two turns of the temperature, with the hold after it. The band is the residual of heating
-//! sweeps less that of cooling sweeps, by bins of temperature. Lag and hysteresis both open it; nothing here tells them
-//! apart (see transients).
+//! A sweep is what lies between two turns of the temperature, with the hold after it. The band is the residual of
+//! heating sweeps less that of cooling sweeps, by bins of temperature. Lag and hysteresis both open it; nothing here
+//! tells them apart (see transients).
 
 use core::ops::Range;
 
@@ -22,8 +22,8 @@ pub struct Sweep {
     pub heating: bool,
 }
 
-/// The sweeps of temperature in the order of time. A series that turns nowhere is one sweep; one that does not change, or
-/// an empty one, has none.
+/// The sweeps of temperature in the order of time. A series that turns nowhere is one sweep; one that does not change,
+/// or an empty one, has none.
 ///
 /// ```
 /// use isotherm_statistics::{Sweep, sweeps};

@@ -59,8 +59,8 @@ impl OrderTable {
         Self { regression, choice, diagnostics }
     }
 
-    /// The table of a curve through the values of set points, given as temperature and value: of the order `fixed`, or of
-    /// the one that `rule` chooses up to `highest`.
+    /// The table of a curve through the values of set points, given as temperature and value: of the order `fixed`, or
+    /// of the one that `rule` chooses up to `highest`.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -1,5 +1,5 @@
-//! Verification without a turntable: over each static pose of a recording, the magnitude of the compensated output against
-//! local gravity.
+//! Verification without a turntable: over each static pose of a recording, the magnitude of the compensated output
+//! against local gravity.
 //!
 //! It shows neither the direction of the output nor an error across the specific force.
 
@@ -243,7 +243,8 @@ impl Magnitudes {
         all.max_by(|a, b| most(a).total_cmp(&most(b))).unwrap_or(&self.poses[0])
     }
 
-    /// Judges the bounds: `scale` by the largest error of the magnitude relative to gravity. The others need an attitude.
+    /// Judges the bounds: `scale` by the largest error of the magnitude relative to gravity. The others need an
+    /// attitude.
     #[must_use]
     pub fn judge(&self, requirement: &Requirement) -> Vec<Judgement> {
         let mut found = Vec::new();

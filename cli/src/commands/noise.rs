@@ -31,8 +31,8 @@ use std::path::PathBuf;
 /// The model with Q, N, B and K is fitted with the exact covariance of the Allan variances. What is not significant is
 /// given as "below" a limit. If the model does not hold, there are no ranges.
 ///
-/// Where a straight line of the rate in head temperature explains a part of the curve, the sensor is contaminated by the
-/// temperature, and the curve without the line is beside.
+/// Where a straight line of the rate in head temperature explains a part of the curve, the sensor is contaminated by
+/// the temperature, and the curve without the line is beside.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"

@@ -151,8 +151,8 @@ impl Verify {
         or_document(self.json, self.show())
     }
 
-    /// The lengths over the static poses, if they are asked for, or if the table was measured that way and the recording
-    /// has several attitudes. `whole` says whether `rows` are all rows.
+    /// The lengths over the static poses, if they are asked for, or if the table was measured that way and the
+    /// recording has several attitudes. `whole` says whether `rows` are all rows.
     fn lengths(
         &self,
         table: &CoefficientTable,

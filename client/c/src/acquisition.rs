@@ -156,8 +156,8 @@ pub struct isotherm_options {
     /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the
     /// default, 5 s; ISOTHERM_NO_WAIT does not wait.
     pub timeout_ns: u64,
-    /// Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than the
-    /// table's. Outer blanks do not count.
+    /// Serial number of the device, in UTF-8; NULL if it is not known. The service flags samples of another device than
+    /// the table's. Outer blanks do not count.
     pub serial: *const c_char,
     /// Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     pub lag_s: f64,
@@ -217,8 +217,8 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
 /// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them, except
-/// `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
+/// `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them,
+/// except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
 /// highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
 /// flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
@@ -313,8 +313,8 @@ pub unsafe extern "C" fn isotherm_send(
 /// waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
 ///
 /// Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
-/// something: another unit, a missing interval, temperature that is not finite on one side, time that is missing between
-/// the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
+/// something: another unit, a missing interval, temperature that is not finite on one side, time that is missing
+/// between the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
 /// ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
 /// table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
 /// with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every

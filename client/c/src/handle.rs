@@ -16,9 +16,9 @@ const BROKEN: u8 = 2;
 /// The content with its guard.
 ///
 /// Acquisitions and readers are not `Send`, only because the transport's ports and loans share a count that is not
-/// atomic (`isotherm_client::transport::recycled`); a test below lets the compiler prove that this is the only reason. All holders
-/// of such a count, loans included, are within one handle. A thread that enters the handle sees all effects of the
-/// callers before it (acquire and release of `state`). So any thread may use and close a handle.
+/// atomic (`isotherm_client::transport::recycled`); a test below lets the compiler prove that this is the only reason.
+/// All holders of such a count, loans included, are within one handle. A thread that enters the handle sees all effects
+/// of the callers before it (acquire and release of `state`). So any thread may use and close a handle.
 #[derive(Debug)]
 pub(crate) struct Handle<T> {
     state: AtomicU8,

@@ -97,8 +97,8 @@ pub unsafe extern "C" fn isotherm_save_lag(
 }
 
 /// Goes on with a state that was saved, on the same clock, as if the temperature had gone straight on in the pause. A
-/// sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one, which
-/// is then of another clock, is unknown as after isotherm_forget_lag.
+/// sensor whose temperature or lagged temperature is not finite, or whose next reading is earlier than the saved one,
+/// which is then of another clock, is unknown as after isotherm_forget_lag.
 ///
 /// Call isotherm_forget_lag in its place if the state was saved with another isotherm_boot(), unless your clock goes on
 /// when the machine is started anew.

@@ -11,8 +11,8 @@ impl Acquisition {
     /// other: it waits in private memory until [`send_kept`](Self::send_kept) sends it. The loan is free again.
     ///
     /// Periods are summed ([`RawSample::merge`](crate::RawSample::merge)) while a sum fits; then another sum begins. It
-    /// also begins where a sum would hide something: another unit, a missing interval, temperature that is not finite on
-    /// one side, time that is missing between the two. Under a table of readings a sum has 64 nominal intervals at
+    /// also begins where a sum would hide something: another unit, a missing interval, temperature that is not finite
+    /// on one side, time that is missing between the two. Under a table of readings a sum has 64 nominal intervals at
     /// most, so that it is not flagged [`INTERVAL_NOT_NOMINAL`](isotherm_shared::wire::Flags::INTERVAL_NOT_NOMINAL).
     /// Where the table is not known, since [`LagOption::Service`](crate::LagOption::Service) was not given or the table
     /// has been replaced, it has 64 periods. Only the last loan is added to a sum, since its sequence can be given

@@ -49,9 +49,9 @@ impl LagAccess<'_> {
         self.lag.state()
     }
 
-    /// Goes on with the readings of a lag that was saved, on the same clock, as if the temperatures had gone straight on
-    /// in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is earlier
-    /// than the saved one, which is then of another clock, is unknown as after [`forget`](Self::forget). So are
+    /// Goes on with the readings of a lag that was saved, on the same clock, as if the temperatures had gone straight
+    /// on in the pause. Its time constant is not used. A sensor without a saved reading, or whose next reading is
+    /// earlier than the saved one, which is then of another clock, is unknown as after [`forget`](Self::forget). So are
     /// all sensors of a lag that was saved before the machine was started anew. If your clock goes on over that, as one
     /// of the hardware may, set its `boot` to 0.
     pub fn restore(&mut self, saved: &Lag) {

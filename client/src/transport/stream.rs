@@ -42,8 +42,8 @@ use isotherm_shared::names::{Domain, DomainError, ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 
 /// Raw samples that an acquisition may have unanswered, unless the service is configured with fewer. The service's
-/// queue is deeper, see [`queue_depth`](isotherm_shared::protocol::queue_depth): samples that are sent again have room too, so it
-/// does not overflow.
+/// queue is deeper, see [`queue_depth`](isotherm_shared::protocol::queue_depth): samples that are sent again have room
+/// too, so it does not overflow.
 pub const RAW_DEPTH: usize = 64;
 /// Raw samples that a recorder's queue holds. A recorder may sleep until it is full: 51 ms at 10 kHz.
 pub const RECORDER_DEPTH: usize = 512;

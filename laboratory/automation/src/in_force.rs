@@ -32,8 +32,8 @@ impl InForce {
     /// The table in the file `target`; `None` if there is no file.
     ///
     /// # Errors
-    /// If the table cannot be read, or is for another IMU or other temperature than the plan: it can then not be compared
-    /// with, and which axes the vehicle has is not known.
+    /// If the table cannot be read, or is for another IMU or other temperature than the plan: it can then not be
+    /// compared with, and which axes the vehicle has is not known.
     pub fn read(target: &Path, plan: &Plan) -> Result<Option<Self>, Failure> {
         match fs::metadata(target) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

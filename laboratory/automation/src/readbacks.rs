@@ -47,8 +47,8 @@ impl Readbacks {
         Ok(Self { file, path, curves, has_gyroscopes })
     }
 
-    /// Appends a row. `temperature` is head and board of each accelerometer, then of each gyroscope, NaN before the first
-    /// sample. The times are laboratory time and Unix time \[s\].
+    /// Appends a row. `temperature` is head and board of each accelerometer, then of each gyroscope, NaN before the
+    /// first sample. The times are laboratory time and Unix time \[s\].
     ///
     /// # Errors
     /// If it cannot be written.

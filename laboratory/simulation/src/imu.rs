@@ -9,8 +9,8 @@
 //! ```
 //! and the gyroscopes, if the truth has them, what [`SimulatedGyroscopes`] says. Temperatures are those of the middle
 //! of the period. The memory is what the past of the temperature adds to a bias: with the truth's transient t, the
-//! temperature L that the sensing element would give, and the [plays](crate::hysteresis::Play), the mean of t (L - U) + S
-//! h (z - U) over the period, plus the random walk of the bias. The charge of each converter becomes pulses as in
+//! temperature L that the sensing element would give, and the [plays](crate::hysteresis::Play), the mean of t (L - U) +
+//! S h (z - U) over the period, plus the random walk of the bias. The charge of each converter becomes pulses as in
 //! [`SimulatedTriad`]. The gyroscopes have random streams of their own, so that the accelerometers' output does not
 //! depend on whether there are gyroscopes.
 
@@ -38,8 +38,8 @@ const GYROSCOPE_FAST_STREAM: u64 = 6;
 /// Random stream of the random walks of the biases.
 const BIAS_WALK_STREAM: u64 = 9;
 
-/// Longest step in which a play follows the temperature \[s\]. In it, the temperature of a head that follows its chamber is
-/// a line to within some 1e-6 of its range.
+/// Longest step in which a play follows the temperature \[s\]. In it, the temperature of a head that follows its
+/// chamber is a line to within some 1e-6 of its range.
 const PLAY_STEP_S: f64 = 1.0;
 
 /// Integration steps in a period of the vibration.
@@ -196,8 +196,8 @@ impl SimulatedImu {
         }
     }
 
-    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the temperature in the
-    /// mean over this time.
+    /// Moves the plays on by `time_s` \[s\], before the chamber. Returns how far each is ahead of the temperature in
+    /// the mean over this time.
     fn move_plays(&mut self, time_s: f64) -> Vec<f64> {
         let mut means = vec![0.0; self.plays.len()];
         if self.plays.is_empty() {

@@ -51,7 +51,7 @@ def calibrate_tumble(
     files. Without them the files that the campaign names are read. A file may be of another program: `mapping` to `instance` are then those of
     `convert`. `start` and `end` leave out what is before and after in each recording, as those of `convert`.
 
-    `window` [s] is that of the search for static_poses, 0.5 or 1 s without it. `exclude` lists numbers of static_poses. Where the temperature is
+    `window` [s] is that of the search for static poses, 0.5 or 1 s without it. `exclude` lists numbers of static_poses. Where the temperature is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
     mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
     those of `calibrate_turntable`. Raises CalibrationError with the parameters that the attitudes do not determine.

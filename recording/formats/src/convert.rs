@@ -367,8 +367,8 @@ impl Conversion {
         Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, temperature })
     }
 
-    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with temperature in degC and standard
-    /// gravity. Valid after the last row.
+    /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with temperature in degC and
+    /// standard gravity. Valid after the last row.
     ///
     /// # Errors
     /// As [`scale`](Self::scale).

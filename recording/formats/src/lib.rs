@@ -2,8 +2,8 @@
 //!
 //! [`mod@read`] detects the format of a file by its first bytes and reads several pieces of a recording as one.
 //! [`mod@write`] writes recordings that are complete up to the last flush at every moment. [`mod@convert`] makes raw
-//! samples of foreign data. No file is opened here: who calls gives what reads and seeks, under its name, and a place to
-//! write.
+//! samples of foreign data. No file is opened here: who calls gives what reads and seeks, under its name, and a place
+//! to write.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -57,8 +57,8 @@ fn a_gate_costs_the_terms_of_even_order() {
     }
 }
 
-/// The pulses of a gate, taken at its mean temperature: the error of the specific force is that of the second derivative
-/// of what is counted, K (f + A), and with temperature of the gate's end that of its first.
+/// The pulses of a gate, taken at its mean temperature: the error of the specific force is that of the second
+/// derivative of what is counted, K (f + A), and with temperature of the gate's end that of its first.
 #[test]
 fn a_specific_force_is_off_by_little_at_the_mean_and_by_much_at_the_end() {
     let table = CoefficientTable::from_toml(TABLE, None).unwrap();

@@ -136,9 +136,9 @@ findings! {
         /// Temperature has the same digits in two dwells at two set points, which its digits tell apart elsewhere: the
         /// sensor was lost.
         TEMPERATURE_REPEATED = "temperature-repeated", Fault, "Measure again.";
-        /// Temperature changes within a dwell by over half the distance to the neighbouring set points, and over 3 times
-        /// as much as is usual in a dwell: a broken reading, or too short a soak. A warning if by over a tenth at one
-        /// set point, or if set points are not further apart than noise and digits: an oven, or few digits.
+        /// Temperature changes within a dwell by over half the distance to the neighbouring set points, and over 3
+        /// times as much as is usual in a dwell: a broken reading, or too short a soak. A warning if by over a tenth at
+        /// one set point, or if set points are not further apart than noise and digits: an oven, or few digits.
         TEMPERATURE_DRIFT = "temperature-drift", FaultOrWarning, "Fix or exclude the rows; soak longer.";
         /// Temperature in `degC` or `K` changes by over 1.5 for each degC of set points that span 15 degC or more.
         /// Fahrenheit has 1.8.
@@ -298,8 +298,8 @@ findings! {
         GRAVITY_ZEROED = "gravity-zeroed", Final, "Undo the self-calibration of the device, and record again.";
         /// All static poses are one attitude, or the IMU was turned about one axis alone.
         NEVER_TURNED = "never-turned", Final, "Put the IMU down on its faces, edges and corners.";
-        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a static pose comes out much
-        /// larger.
+        /// The attitudes tell the parameters apart badly: D sqrt(n) is over 20, an error of a static pose comes out
+        /// much larger.
         ATTITUDES = "attitudes", Warning, "Put the IMU down in the attitudes that the line names.";
         /// Two temperatures differ, but show no curvature: the table has their mean.
         TEMPERATURES = "temperatures", Warning, "Measure at a third temperature, or ask for a line: `--order 1`.";
@@ -313,10 +313,11 @@ findings! {
         BEHIND_TEMPERATURE = "behind-temperature", Warning, "Wait until the temperature stands still, then tumble.";
         /// Temperature moved so much in a tumble that an element up to 60 s behind it is most of the error.
         TEMPERATURE_MOVES = "temperature-moves", Warning, "Wait until the temperature stands still, then tumble.";
-        /// The range of the table is far wider than the temperature that was measured: its intervals hold in that alone.
+        /// The range of the table is far wider than the temperature that was measured: its intervals hold in that
+        /// alone.
         UNMEASURED = "unmeasured", Warning, "Tumble at other temperatures, too, or take a narrower `--temperature-range`.";
-        /// Readings of the temperature that the static pose's others exclude, such as the error codes 85, -127 and 0. They
-        /// are out of means and ranges; a static pose of many is left out.
+        /// Readings of the temperature that the static pose's others exclude, such as the error codes 85, -127 and 0.
+        /// They are out of means and ranges; a static pose of many is left out.
         TEMPERATURE_GLITCH = "temperature-glitch", Warning, "Look at the thermometer's cable.";
         /// An axis does not feel gravity in one file or temperature.
         DEAD_AXIS = "dead-axis", Fault, "Look at its column and its converter.";
@@ -434,7 +435,8 @@ const RENAMED: [(&str, &str); 12] = [
 /// The name of a finding that the user accepts.
 ///
 /// # Errors
-/// If no finding has this name, which may be a former one, or if a fault of this name leaves nothing to fit. The message lists the names.
+/// If no finding has this name, which may be a former one, or if a fault of this name leaves nothing to fit. The
+/// message lists the names.
 pub fn acceptable(text: &str) -> Result<&'static str, String> {
     match explanations().find(|known| known.name == text) {
         Some(Explanation { name, rank: Rank::Final, remedy, .. }) => {

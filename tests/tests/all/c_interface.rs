@@ -29,8 +29,8 @@ fn the_examples_compensate_exactly() {
     service.terminate();
 }
 
-/// Gyroscopes, the lag of the temperature, and the unit, in C and C++: as the kernel computes them from the samples with
-/// what the library adds.
+/// Gyroscopes, the lag of the temperature, and the unit, in C and C++: as the kernel computes them from the samples
+/// with what the library adds.
 #[test]
 fn the_examples_compensate_a_whole_imu_exactly() {
     let domain = TestDomain::new();

@@ -56,7 +56,9 @@ fn links_have_existing_targets() {
 fn lines_of_documents_have_120_columns_at_most() {
     let mut long = Vec::new();
     for (path, document) in documents() {
-        for (number, line) in document.lines().enumerate().filter(|(_, line)| line.chars().count() > 120) {
+        // A row of a table is one line.
+        let is_long = |line: &str| line.chars().count() > 120 && !line.starts_with('|');
+        for (number, line) in document.lines().enumerate().filter(|(_, line)| is_long(line)) {
             long.push(format!("{}:{}: {line}", path.display(), number + 1));
         }
     }

@@ -257,7 +257,7 @@ fn a_small_terminal_without_colours_is_served_and_a_signal_restores_it() {
     let screen = top.wait_for_text("? help");
     assert!(screen.is_ascii(), "{screen}");
     top.resize((40, 10));
-    top.wait_for("the small screen", |screen| screen.contains("q quit") && !screen.contains("latency us"));
+    top.wait_for("the small screen", |screen| screen.contains("q quit") && !screen.contains("minute"));
     top.resize((120, 40));
     top.wait_for("the large screen", |screen| screen.contains("latency us") && screen.contains("117fc01d0047a7a2"));
     assert!(!sets_colour(&top.written()), "a colour in spite of NO_COLOR");

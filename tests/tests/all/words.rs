@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// Words that are not used, what is used in their place, and the names that keep a word, since other programs read them.
+/// Words that are not used, what is used in their place, and the names that keep a word, since other programs read
+/// them.
 const WORDS: &[(&str, &str, &[&str])] = &[
     (
         "telemetry",

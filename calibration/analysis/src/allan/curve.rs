@@ -142,9 +142,9 @@ impl Allan {
 }
 
 impl TemperatureLine {
-    /// The straight line of `rates` in `temperature`, by least squares, and what is left of `raw`, their Allan deviation,
-    /// without it; both without the steps of `raw`. `None` if the temperature never changes or is not finite, or if
-    /// nothing is left.
+    /// The straight line of `rates` in `temperature`, by least squares, and what is left of `raw`, their Allan
+    /// deviation, without it; both without the steps of `raw`. `None` if the temperature never changes or is not
+    /// finite, or if nothing is left.
     #[must_use]
     pub fn of(rates: &[f64], temperature: &[f64], interval_s: f64, raw: &Allan) -> Option<Self> {
         let mut rates = rates.to_vec();

@@ -91,8 +91,8 @@ fn a_curve_is_that_of_the_definition() {
     }
 }
 
-/// Rows in little memory are the rows: their times, counts and temperature, over gaps, late rows, sessions, long and odd
-/// intervals.
+/// Rows in little memory are the rows: their times, counts and temperature, over gaps, late rows, sessions, long and
+/// odd intervals.
 #[test]
 fn rows_that_are_kept_are_those_that_were_pushed() {
     let mut rows = rows::Rows::default();

@@ -10,8 +10,8 @@ pub struct Family {
 }
 
 impl Family {
-    /// Of curves at the same points of the temperature, each less its own mid value. `None` under three devices, and where
-    /// no curve changes.
+    /// Of curves at the same points of the temperature, each less its own mid value. `None` under three devices, and
+    /// where no curve changes.
     #[must_use]
     pub fn of(curves: &[Vec<f64>]) -> Option<Self> {
         let others = curves.len().checked_sub(1).filter(|others| *others >= 2)? as f64;

@@ -23,8 +23,8 @@ pub struct StandOut {
     pub limit: f64,
 }
 
-/// The size of Student's t, with `devices - 2` degrees of freedom, that any of `devices` times `quantities` values exceeds
-/// with 5 % at most. `None` under 5 devices or without quantities.
+/// The size of Student's t, with `devices - 2` degrees of freedom, that any of `devices` times `quantities` values
+/// exceeds with 5 % at most. `None` under 5 devices or without quantities.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -47,8 +47,8 @@ pub fn limit(devices: usize, quantities: usize) -> Option<f64> {
 /// ```text
 /// t = (x - mean of the others) / (s of the others * sqrt(1 + 1/(n-1)))
 /// ```
-/// If all devices are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and where
-/// the others are all the same.
+/// If all devices are of one kind, it follows Student's t with n - 2 degrees of freedom. `None` under 3 values, and
+/// where the others are all the same.
 #[must_use]
 pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
     let count = values.len() as f64;
@@ -66,8 +66,8 @@ pub fn leave_one_out(values: &[f64]) -> Vec<Option<f64>> {
 /// The devices that stand out, the farthest first. `quantities` has the values of all devices for each quantity.
 ///
 /// The unit with the largest t is taken out if it exceeds the [`limit`], with all quantities in which it does; then the
-/// others are looked at again. At most a quarter of the devices is taken out: of more, none is the odd one. `None` under
-/// 5 devices.
+/// others are looked at again. At most a quarter of the devices is taken out: of more, none is the odd one. `None`
+/// under 5 devices.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -104,8 +104,8 @@ pub fn stand_outs(quantities: &[Vec<f64>]) -> Option<Vec<StandOut>> {
     Some(found)
 }
 
-/// How many standard deviations of the devices a device must be off in one quantity, so that it is found with a probability
-/// of 90 %. `None` under 5 devices.
+/// How many standard deviations of the devices a device must be off in one quantity, so that it is found with a
+/// probability of 90 %. `None` under 5 devices.
 ///
 /// Then t follows the noncentral t distribution with the noncentrality `off * sqrt((n-1)/n)`.
 #[must_use]

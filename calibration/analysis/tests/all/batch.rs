@@ -80,8 +80,8 @@ fn a_quarter_of_the_units_at_most_is_taken_out_one_at_a_time() {
     assert_eq!(stand_outs(&[values]).unwrap().len(), 2);
 }
 
-/// The published table with other numbers, as one of a device: biases with `bias_ug0` more and `slope` ug0/V more, orders
-/// of 3 or, with `order`, another one.
+/// The published table with other numbers, as one of a device: biases with `bias_ug0` more and `slope` ug0/V more,
+/// orders of 3 or, with `order`, another one.
 fn unit(name: &str, bias_ug0: f64, slope: f64, order: Option<usize>) -> TableFile {
     let text = fs::read_to_string(format!("{DATA}/any_lab/compare/2023.toml")).unwrap();
     let table = CoefficientTable::from_toml(&text, None).unwrap();

@@ -1,5 +1,5 @@
-//! The temperature of a campaign, one column after the other: sensors that do not react, broken readings, dwells and set
-//! points that were not settled, set points that were not reached.
+//! The temperature of a campaign, one column after the other: sensors that do not react, broken readings, dwells and
+//! set points that were not settled, set points that were not reached.
 
 use super::{Checker, Column, SetPoint, Steps, last_digit};
 use isotherm_campaign::{Block, Dwell, joint_range};
@@ -7,7 +7,8 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 use isotherm_support::finding::{Finding, Severity, name};
 
-/// Within a dwell, temperature that changes by more than this part of the step to a neighbouring set point is a fault ..
+/// Within a dwell, temperature that changes by more than this part of the step to a neighbouring set point is a fault
+/// ..
 const DWELL_DRIFT: f64 = 0.5;
 /// .. if it also changes by more than this many times what is usual within a dwell.
 const DWELL_NOISE: f64 = 3.0;

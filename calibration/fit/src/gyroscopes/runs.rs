@@ -30,7 +30,8 @@ pub struct Measurements {
     pub findings: Vec<Finding>,
 }
 
-/// A row of another device than that of the campaign file's serial number or, without one, than that of the rows before.
+/// A row of another device than that of the campaign file's serial number or, without one, than that of the rows
+/// before.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct OtherDevice {
     /// The line of the row.

@@ -136,8 +136,8 @@ impl GyroscopeModel<'_> {
         Some((deviation, jacobian.transpose() * local))
     }
 
-    /// Covariance of the unknowns as in the header of [`fit`](super::fit); `None` if a set point has fewer equations than
-    /// parameters.
+    /// Covariance of the unknowns as in the header of [`fit`](super::fit); `None` if a set point has fewer equations
+    /// than parameters.
     fn covariance(&self, step: &NewtonStep, counted: &[bool]) -> Option<DMatrix<f64>> {
         let parts: Option<Vec<_>> = (0..self.set_points).map(|s| self.deviations(s, step, counted)).collect();
         // Degrees of freedom that the fit takes: the coefficients of a curve, or 1 for a constant.

@@ -420,8 +420,8 @@ fn outside(coefficients: &Axis, curves: CurveSource, head: f64, board: f64) -> b
         || beyond(&coefficients.negative_scale_factor, board)
 }
 
-/// Whether the temperature is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on, and
-/// a constant goes on everywhere.
+/// Whether the temperature is beyond the range of a polynomial by more than 2 % of it: so far the polynomial goes on,
+/// and a constant goes on everywhere.
 fn beyond(polynomial: &Polynomial, temperature: f64) -> bool {
     let [low, high] = polynomial.range();
     let margin = BEYOND * (high - low);

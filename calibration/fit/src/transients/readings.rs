@@ -145,8 +145,8 @@ pub(super) fn interpolated(readings: &[Reading], times_ns: &[u64]) -> Vec<f64> {
     times_ns.iter().map(value).collect()
 }
 
-/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `temperature` is U at
-/// these times.
+/// d = L - U at each of the rising `times_ns`, with L behind the readings by `lag_ns` as in flight. `temperature` is U
+/// at these times.
 pub(super) fn behind(readings: &[Reading], times_ns: &[u64], temperature: &[f64], lag_ns: u64) -> Vec<f64> {
     let first = readings[0];
     let mut state = LaggedReading { time_ns: first.time_ns, temperature: first.temperature, lagged: first.temperature };

@@ -1,8 +1,8 @@
 //! Single mistakes that explain why groups do not agree, each by the repair that fixes it.
 //!
 //! Before any fit: an axis that does not feel gravity, and one that counts by a factor of what it does in the other
-//! groups, by the ellipsoids of the groups. After it: axes, signs and the unit of the temperature of one group, by refits
-//! of order 1 at most. A repair is named if it divides the residual by 8 and the next one leaves twice as much.
+//! groups, by the ellipsoids of the groups. After it: axes, signs and the unit of the temperature of one group, by
+//! refits of order 1 at most. A repair is named if it divides the residual by 8 and the next one leaves twice as much.
 
 use super::choice::Data;
 use super::groups::{Groups, spread};

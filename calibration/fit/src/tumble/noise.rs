@@ -19,7 +19,8 @@ pub fn error_of_magnitude(force: &Vector3<f64>, errors: [f64; AXES], scale_facto
 /// The standard errors of the net rates of each static pose \[pulse/s\]. The rows of a counter that keeps what is left
 /// over vary, but their sum does not: over n rows, noise w of each row and what is left over q give the mean a variance
 /// of (w + q/n)/n. Half the difference between the halves has (w + 3 q/n)/n, and a row w + q. The median over the
-/// static poses, because the IMU may have turned in some. Where most static poses have one count, its rounding is added.
+/// static poses, because the IMU may have turned in some. Where most static poses have one count, its rounding is
+/// added.
 pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
     let parts = [0, 1, 2].map(|axis| {
         let of_halves = |reading: &Reading| {

@@ -70,7 +70,8 @@ impl TumbleCalibration {
         rms(&self.residuals)
     }
 
-    /// The temperature at which a curve's value is shown: the mean of one group, the middle of what was measured of more.
+    /// The temperature at which a curve's value is shown: the mean of one group, the middle of what was measured of
+    /// more.
     #[must_use]
     pub fn mid(&self, axis: usize, quantity: usize) -> f64 {
         let [low, high] = self.curves[axis][quantity].measured();

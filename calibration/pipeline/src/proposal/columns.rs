@@ -1,8 +1,8 @@
 //! What columns are, by what their means do from position to position and from set point to set point.
 //!
 //! A channel of an accelerometer follows gravity: within a set point it changes from position to position by about its
-//! largest value, and three of them together have one length. Temperature follows the set points, and hardly changes from
-//! position to position. So no temperature is taken for an acceleration, whatever it is called.
+//! largest value, and three of them together have one length. Temperature follows the set points, and hardly changes
+//! from position to position. So no temperature is taken for an acceleration, whatever it is called.
 
 use isotherm_statistics::median;
 

@@ -1,4 +1,5 @@
-//! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `temperature` in its own.
+//! A comparison as JSON. Figures with `in_unit` are in the `unit` of the same object; those of `temperature` in its
+//! own.
 
 use crate::findings::records;
 use crate::view::{value, view};

@@ -32,8 +32,8 @@ fn truth(lag_s: Option<f64>) -> Truth {
     Truth::of(CoefficientTable::new(content).unwrap())
 }
 
-/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones temperature that is read at their end is late for
-/// the 7600 ppm/V of A3's K+.
+/// -25 to 45 degC at 40 degC/h and back, in rows of 1 s: in longer ones temperature that is read at their end is late
+/// for the 7600 ppm/V of A3's K+.
 fn schedule(legs: u32) -> RampSchedule {
     let noise = Noise { sensor_g0: 5e-6, temperature: 1e-4, random_walk: 0.003, ..Noise::NONE };
     let chain = Chain { telemetry_lsb_micro: 10, ..Chain::default() };

@@ -271,8 +271,9 @@ impl<'a> Collector<'a> {
         (i128::from(raw.timestamp_ns) - *begin_ns).max(0) as f64 / 1e9
     }
 
-    /// Whether the lagged temperature of a sample has not forgotten yet that it began soaked: equal to the temperature, as
-    /// it does where the recording of an acquisition begins, and where it is computed from a recording that has none.
+    /// Whether the lagged temperature of a sample has not forgotten yet that it began soaked: equal to the temperature,
+    /// as it does where the recording of an acquisition begins, and where it is computed from a recording that has
+    /// none.
     fn is_unsettled(&mut self, raw: &RawSample) -> bool {
         let lag_ns = self.table.lag_ns();
         if lag_ns == 0 {

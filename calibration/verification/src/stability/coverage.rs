@@ -1,5 +1,6 @@
-//! What of a triad's part of a table a run exercises: the temperature of its windows, and the channels that the specific
-//! force drives. At rest no channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale factor.
+//! What of a triad's part of a table a run exercises: the temperature of its windows, and the channels that the
+//! specific force drives. At rest no channel of a gyroscope is driven: Earth's rate shows 1e-5 of an error of the scale
+//! factor.
 
 use crate::occupancy::{MOST_UNTOUCHED, Occupancy};
 use crate::window::Window;

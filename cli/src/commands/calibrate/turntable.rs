@@ -22,8 +22,8 @@ use std::path::{Path, PathBuf};
 ///
 /// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its
 /// provenance. What the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes
-/// too. Ramps give the lag of the sensing elements behind their temperature, and transients of the biases where they show
-/// them; ramps alone also the bias curves at one attitude.
+/// too. Ramps give the lag of the sensing elements behind their temperature, and transients of the biases where they
+/// show them; ramps alone also the bias curves at one attitude.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm calibrate turntable campaign.toml -o imu-a.toml --report imu-a.html
@@ -48,8 +48,8 @@ pub(super) struct Turntable {
     /// Propose a campaign file for a folder
     ///
     /// There is a file for each position at each set point, or a sheet of means. The campaign file goes to -o, or to
-    /// stdout. Names tell set points and positions, gravity tells accelerometers from temperature. What the files do not
-    /// say is "?" there, or a comment.
+    /// stdout. Names tell set points and positions, gravity tells accelerometers from temperature. What the files do
+    /// not say is "?" there, or a comment.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["campaign", "report", "batch", "json"])]
     propose: Option<PathBuf>,
     #[command(flatten)]

@@ -31,8 +31,8 @@ pub(super) struct MemoryOptions {
     gyroscope_transient: Option<[f64; AXES]>,
     /// Add a play, which makes hysteresis
     ///
-    /// Half-width of a play, which makes hysteresis: its position follows the head temperature, and stands within W [V or
-    /// degC]; may be repeated.
+    /// Half-width of a play, which makes hysteresis: its position follows the head temperature, and stands within W [V
+    /// or degC]; may be repeated.
     #[arg(long, value_name = "W", value_parser = positive)]
     play: Vec<f64>,
     /// Set the play's effect on accelerometers

@@ -150,8 +150,8 @@ impl SimulatedImuOptions {
         })
     }
 
-    /// Signal chain and noise, with the temperature in the truth's unit. The positioning error is 0; a run has none, and
-    /// a campaign sets its own.
+    /// Signal chain and noise, with the temperature in the truth's unit. The positioning error is 0; a run has none,
+    /// and a campaign sets its own.
     pub(super) fn chain_and_noise(&self, truth: &Truth, temperature_every: f64) -> Result<(Chain, Noise), Failure> {
         let (mut chain, temperature_noise) = chain_in(&truth.table.content().temperature_unit)?;
         chain.telemetry_lsb_micro = self.temperature_lsb.unwrap_or(chain.telemetry_lsb_micro);

@@ -48,8 +48,8 @@ pub(super) fn check_same_plan(
     ))
 }
 
-/// The settings as this version writes them: today's keys, one for each verification run, and no comments. The runs of an older
-/// version went one way; those that are taken stay as they are.
+/// The settings as this version writes them: today's keys, one for each verification run, and no comments. The runs of
+/// an older version went one way; those that are taken stay as they are.
 fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for (key, value) in settings {

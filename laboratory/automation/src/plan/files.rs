@@ -73,8 +73,8 @@ impl Plan {
         own_file(stem, extension, self.name_in_files())
     }
 
-    /// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the plan
-    /// says.
+    /// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the
+    /// plan says.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -1,7 +1,8 @@
 //! `sensor_msgs/msg/Imu` in MCAP, as rosbag2 writes it, and converted bags of ROS 1.
 //!
-//! The time is that of `header.stamp`, unless the time of the log is wanted. The temperature of a row is that of the last
-//! `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the temperatures.
+//! The time is that of `header.stamp`, unless the time of the log is wanted. The temperature of a row is that of the
+//! last `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the
+//! temperatures.
 
 use super::joined::JoinedSource;
 use super::settings::{Settings, TimeSource};

@@ -18,8 +18,8 @@ pub struct Scale {
     pub largest: [Option<f64>; 2],
     /// Numbers of accelerometer and gyroscope, in logs of autopilots that have them.
     pub devices: [Option<u32>; 2],
-    /// Lowest and highest temperature of all sensors and boards in the rows, in its unit; where it is constant, one unit
-    /// below and above.
+    /// Lowest and highest temperature of all sensors and boards in the rows, in its unit; where it is constant, one
+    /// unit below and above.
     pub temperature: [f64; 2],
 }
 

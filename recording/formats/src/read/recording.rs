@@ -152,8 +152,8 @@ impl Recording {
         })
     }
 
-    /// Sets the time constant \[ns\] of the lagged temperature of all further rows, 0 for none. It is computed for pieces
-    /// that have no lagged temperature; those that have are read as they are. Each session begins soaked.
+    /// Sets the time constant \[ns\] of the lagged temperature of all further rows, 0 for none. It is computed for
+    /// pieces that have no lagged temperature; those that have are read as they are. Each session begins soaked.
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.lag.set_lag(lag_ns);
     }

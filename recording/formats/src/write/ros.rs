@@ -1,5 +1,5 @@
-//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the temperature is
-//! in degC.
+//! Increments as ROS messages in MCAP: `sensor_msgs/msg/Imu`, and `sensor_msgs/msg/Temperature` where the temperature
+//! is in degC.
 //!
 //! An increment over its interval is a mean: `linear_acceleration = velocity_increment / interval` \[m/s2\], the
 //! specific force, and `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval

@@ -1,5 +1,5 @@
-//! The curves without any option over many devices, against the truth and beside a plain cubic of the same rows, which is
-//! what the scripts of both autopilots fit.
+//! The curves without any option over many devices, against the truth and beside a plain cubic of the same rows, which
+//! is what the scripts of both autopilots fit.
 
 use super::curves::{GRAVITY, calibrated, screened};
 use super::units::{Path, SENSORS, Unit, WarmUp, plain_cubics, rows};
