@@ -8,12 +8,12 @@ mod ports;
 pub use lag::LagAccess;
 
 use crate::clock::{Clock, monotonic_ns};
-use crate::closing::{self, Closing};
+use crate::closing::{self, ClosingNote};
 use crate::connect::{Options, deadline, join_existing, retry_until};
 use crate::error::ConnectError;
 use crate::kept::{Kept, MOST_KEPT};
 use crate::lag::AcquisitionLag;
-use crate::loan::{InFlight, Loan, LoanPlace, LoansNotMerged, SendError, TransportError, transport};
+use crate::loan::{InFlight, Loan, LoanMergeError, LoanPlace, SendError, TransportError, transport};
 use crate::loss::Loss;
 use crate::peers::{publisher_is_alive, publisher_of};
 use crate::rehearsal;
@@ -223,19 +223,19 @@ impl Acquisition {
     /// periods.
     ///
     /// # Errors
-    /// [`LoansNotMerged`] when a sum would overflow.
-    pub fn merge(&mut self, sample: &mut Loan, later: Loan) -> Result<(), LoansNotMerged> {
+    /// [`LoanMergeError`] when a sum would overflow.
+    pub fn merge(&mut self, sample: &mut Loan, later: Loan) -> Result<(), LoanMergeError> {
         match sample.merge(&later) {
             Ok(()) => {
                 self.cancel(later);
                 Ok(())
             }
-            Err(error) => Err(LoansNotMerged { error, later }),
+            Err(error) => Err(LoanMergeError { error, later }),
         }
     }
 
     /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see
-    /// [`Closing::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is
+    /// [`ClosingNote::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is
     /// sent.
     #[must_use]
     pub fn lost(&self) -> u64 {
@@ -244,14 +244,14 @@ impl Acquisition {
 
     /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its
     /// status: a loss with no sample after it is seen too. Dropping the acquisition does the same.
-    pub fn close(self) -> Closing {
+    pub fn close(self) -> ClosingNote {
         self.closing()
     }
 
     /// What [`close`](Self::close) would return now.
     #[must_use]
-    pub fn closing(&self) -> Closing {
-        Closing { lost: self.lost(), unanswered: self.state.in_flight() as u64 }
+    pub fn closing(&self) -> ClosingNote {
+        ClosingNote { lost: self.lost(), unanswered: self.state.in_flight() as u64 }
     }
 
     /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
@@ -430,10 +430,10 @@ fn copy_into(ports: &mut AcquisitionPorts, sample: &RawSample) -> Result<(), Str
 impl Drop for Acquisition {
     fn drop(&mut self) {
         let closing = self.closing();
-        if closing == Closing::default() {
+        if closing == ClosingNote::default() {
             return;
         }
-        let Closing { lost, unanswered } = closing;
+        let ClosingNote { lost, unanswered } = closing;
         tracing::warn!(imu = %self.imu, lost, unanswered, "the acquisition closes with control periods lost or unanswered");
         if let Err(error) = closing::write(&self.domain, &self.imu, self.session(), closing) {
             tracing::warn!(imu = %self.imu, "telling the service what was lost: {error}");

@@ -9,7 +9,7 @@ use std::io;
 
 /// What an [`Acquisition`](crate::Acquisition) had lost when it closed. Nothing was lost if both are 0.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
-pub struct Closing {
+pub struct ClosingNote {
     /// Control periods, of all its sessions, that have a sequence and were not sent: loans that were dropped, sequences
     /// that were left out, samples whose sending has failed, and of what was kept each period.
     pub lost: u64,
@@ -22,8 +22,8 @@ fn note(domain: &Domain, imu: &ImuId) -> Note {
 }
 
 /// Writes it down.
-pub(crate) fn write(domain: &Domain, imu: &ImuId, session: u64, closing: Closing) -> io::Result<()> {
-    let Closing { lost, unanswered } = closing;
+pub(crate) fn write(domain: &Domain, imu: &ImuId, session: u64, closing: ClosingNote) -> io::Result<()> {
+    let ClosingNote { lost, unanswered } = closing;
     let status = ClosedStatus { session: format!("{session:016x}"), lost, unanswered, unix_s: unix_s() };
     let note = note(domain, imu);
     note.write(&serde_json::to_vec(&status)?)?;

@@ -95,7 +95,7 @@ pub use acquisition::answers::LateAnswers;
 pub use acquisition::{Acquisition, LagAccess};
 pub use arrival::descriptor;
 pub use clock::{Clock, boot, clock_offset_ns, monotonic_ns, unix_s};
-pub use closing::{Closing, last_closing};
+pub use closing::{ClosingNote, last_closing};
 pub use connect::{
     DOMAIN_VARIABLE, Options, ROOT_VARIABLE, STATE_VARIABLE, check_domain, domain, join, join_existing,
     sweep_half_created,
@@ -109,7 +109,7 @@ pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSamp
 pub use kept::MOST_KEPT;
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::{InvalidTimeConstant, LagOption, TimeConstant};
-pub use loan::{CompensateError, InFlight, Loan, LoansNotMerged, SendError, TransportError};
+pub use loan::{CompensateError, InFlight, Loan, LoanMergeError, SendError, TransportError};
 pub use loss::removed_object;
 pub use members::open_to_group;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};

@@ -110,7 +110,7 @@ pub enum CompensateError {
 /// Why two loans were not merged. Neither has changed, and `later` is still on loan.
 #[derive(Debug, thiserror::Error)]
 #[error("{error}")]
-pub struct LoansNotMerged {
+pub struct LoanMergeError {
     /// What does not fit.
     pub error: MergeError,
     /// The later loan.

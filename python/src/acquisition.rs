@@ -11,7 +11,7 @@ use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, s
 use crate::run::{End, Run};
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
-    Acquisition as Client, Closing, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError,
+    Acquisition as Client, ClosingNote, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError,
     Triad,
 };
 use numpy::PyArrayMethods as _;
@@ -144,7 +144,7 @@ impl Acquisition {
             return Ok((0, 0));
         }
         // Loans that were not sent count as lost; they are dropped with the client.
-        let Closing { lost, unanswered } = self.owned.hold()?.open()?.client.closing();
+        let ClosingNote { lost, unanswered } = self.owned.hold()?.open()?.client.closing();
         self.owned.close()?;
         if lost > 0 || unanswered > 0 {
             let message = format!(

@@ -8,11 +8,11 @@ use crate::table::Table;
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, TumbleOptions, LagChoice,
-    Method, WarmUpOptions, ScaleFactorChoice, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, LagChoice, Method,
+    ScaleFactorChoice, TumbleOptions, WarmUpOptions, sha256,
 };
 use isotherm_pipeline::{
-    JobOutcome, CampaignFile, InputOptions, Inputs, JobFailure, RowSource, Vehicle, VehicleImu, no_bar,
+    CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu, no_bar,
 };
 use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
 use isotherm_recording_formats::convert::{Foreign, Settings};

@@ -1,7 +1,7 @@
 //! The functions `compare` and `batch` on tables, and their results.
 
-use isotherm_pipeline::now;
 use crate::errors::{ComparisonError, faults};
+use isotherm_pipeline::now;
 
 use crate::records::{document, python};
 use crate::table::Table;
@@ -107,16 +107,16 @@ impl Batch {
     }
 
     #[getter]
-    fn units(&self) -> Vec<String> {
-        self.0.units.clone()
+    fn devices(&self) -> Vec<String> {
+        self.0.devices.clone()
     }
 
-    /// Unit, quantity and t of each value that stands out; None under five devices.
+    /// Device, quantity and t of each value that stands out; None under five devices.
     #[getter]
     fn stand_outs(&self) -> Option<Vec<(String, String, f64)>> {
         let found = self.0.stand_outs.as_ref()?.iter();
         let name =
-            |unit: usize, quantity: usize| (self.0.units[unit].clone(), self.0.quantities[quantity].name.clone());
+            |unit: usize, quantity: usize| (self.0.devices[unit].clone(), self.0.quantities[quantity].name.clone());
         Some(
             found
                 .map(|it| {
@@ -131,7 +131,7 @@ impl Batch {
         let source = BatchSource {
             tool: tool(),
             time: now(),
-            source: format!("{} tables", self.0.units.len()),
+            source: format!("{} tables", self.0.devices.len()),
             dropped: Vec::new(),
         };
         let page = batch_report::html(Ok(&self.0), &source);
@@ -143,6 +143,6 @@ impl Batch {
     }
 
     fn __repr__(&self) -> String {
-        format!("Batch({} units)", self.0.units.len())
+        format!("Batch({} devices)", self.0.devices.len())
     }
 }

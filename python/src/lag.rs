@@ -79,7 +79,9 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
             let (time_ns, temperature, lagged, unknown, boot) = match &numbers[..] {
                 // As it was kept before the start of the machine was.
                 [time_ns, temperature, lagged, unknown] => (time_ns, temperature, lagged, unknown, 0),
-                [time_ns, temperature, lagged, unknown, boot] => (time_ns, temperature, lagged, unknown, boot.extract()?),
+                [time_ns, temperature, lagged, unknown, boot] => {
+                    (time_ns, temperature, lagged, unknown, boot.extract()?)
+                }
                 _ => return Err(wrong()),
             };
             Ok(Some((time_ns.extract()?, temperature.extract()?, lagged.extract()?, unknown.extract()?, boot)))

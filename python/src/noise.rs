@@ -1,12 +1,12 @@
 //! The noise of rates and recordings.
 
-use isotherm_pipeline::now;
 use crate::errors::NoiseError;
 use crate::offline::with_lag;
 use crate::records::{Fields, RAW, Values};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseRows, TemperatureLine, imu_yaml};
-use isotherm_fit::{tool};
+use isotherm_fit::tool;
+use isotherm_pipeline::now;
 use isotherm_report::noise::{NoiseSource, html, json};
 use isotherm_support::finding::Severity;
 use pyo3::prelude::*;

@@ -6,12 +6,12 @@ use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_fit::{Origin, tool};
+use isotherm_pipeline::{now, repair_into};
 use isotherm_recording::csv::{CsvColumn, Rows};
 use isotherm_recording::{
     ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
     RawCsvWriter, RecordingError,
 };
-use isotherm_pipeline::{repair_into, now};
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;

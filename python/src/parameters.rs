@@ -12,7 +12,7 @@ use std::fmt::Display;
 
 /// The parameters of a table.
 #[pyclass(frozen, module = "isotherm")]
-pub struct Exported(isotherm_autopilot::Exported);
+pub struct Exported(isotherm_autopilot::ExportedParameters);
 
 /// Name of an effect, sensors, and its sizes \[m/s2, rad/s\].
 type Lost = (&'static str, Vec<&'static str>, Option<f64>, Option<f64>);
@@ -79,7 +79,7 @@ fn exported(
     (instance, device_id): (Option<u8>, Option<[u32; 2]>),
     at_c: Option<f64>,
     drop: &[String],
-) -> PyResult<isotherm_autopilot::Exported> {
+) -> PyResult<isotherm_autopilot::ExportedParameters> {
     let effect = |name: &String| name.parse::<Effect>().map_err(|message| argument("drop", message));
     let log_imu = Origin::of_toml(table.text(), &table.0).log_imu;
     let of_log = |imu: LogImu| ExportOptions::of_log(autopilot, imu.instance, imu.devices);

@@ -765,7 +765,7 @@ def test_batch_of_tables(tmp_path: Path) -> None:
         for index, bias in enumerate(biases)
     ]
     found = isotherm.batch(units)
-    assert found.units == [f"imu-{index}" for index in range(6)]
+    assert found.devices == [f"imu-{index}" for index in range(6)]
     assert found.stand_outs is not None and {unit for unit, _, _ in found.stand_outs} == {"imu-5"}
     quantities = {quantity["name"]: quantity for quantity in found.summary["quantities"]}
     values = quantities["A1 bias at 2.5000"]["values_in_unit"]

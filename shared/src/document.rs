@@ -436,8 +436,8 @@ impl<'d, 'a> Section<'d, 'a> {
     }
 
     /// Accepts `key` with any value, or its absence. If it is a section, its values can be looked at.
-    pub fn unchecked(&self, key: &'static str) -> Option<Unchecked<'d, 'a>> {
-        self.get(key)?.get_ref().as_table().map(Unchecked)
+    pub fn unchecked(&self, key: &'static str) -> Option<LenientSection<'d, 'a>> {
+        self.get(key)?.get_ref().as_table().map(LenientSection)
     }
 
     /// Reports every key that was never asked for.
@@ -470,9 +470,9 @@ impl<'d, 'a> Section<'d, 'a> {
 
 /// A section that nobody checks: a value that is not of the wanted kind is as good as absent.
 #[derive(Clone, Copy)]
-pub struct Unchecked<'d, 'a>(&'d DeTable<'a>);
+pub struct LenientSection<'d, 'a>(&'d DeTable<'a>);
 
-impl Unchecked<'_, '_> {
+impl LenientSection<'_, '_> {
     /// Whether the key is there, with any value.
     pub fn has(self, key: &str) -> bool {
         self.0.contains_key(key)

@@ -2,7 +2,7 @@
 
 use crate::parse::one_of;
 use clap::Args;
-use isotherm_autopilot::{Autopilot, Effect, ExportOptions, Exported, export, size};
+use isotherm_autopilot::{Autopilot, Effect, ExportOptions, ExportedParameters, export, size};
 use isotherm_files::{StagedText, Trust, load_table, read_text, refuse_overlap};
 use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
@@ -91,7 +91,7 @@ impl ParameterArgs {
 }
 
 /// What was left out, and what is to be known.
-pub(super) fn tell_left_out(exported: &Exported) {
+pub(super) fn tell_left_out(exported: &ExportedParameters) {
     for loss in &exported.lost {
         info!("left out: {loss}");
     }
@@ -103,7 +103,7 @@ pub(super) fn tell_notes(notes: &[String]) {
 }
 
 /// What was written.
-pub(super) fn tell_exported(exported: &Exported, autopilot: Autopilot, output: &Path) {
+pub(super) fn tell_exported(exported: &ExportedParameters, autopilot: Autopilot, output: &Path) {
     let lines = exported.text.lines().filter(|line| !line.starts_with('#')).count();
     let to = if output == Path::new("-") { "stdout".into() } else { shown(output).to_string() };
     let gyroscopes = exported.difference.gyroscopes.map(|rate| format!(" and {} rad/s", size(rate)));

@@ -11,7 +11,7 @@ use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{
-    Acquisition, Closing, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError,
+    Acquisition, ClosingNote, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError,
 };
 
 /// Maximum number of samples on loan from one acquisition.
@@ -68,7 +68,7 @@ impl AcquisitionContent {
 
     /// What closing says: OK if nothing is lost.
     fn closing(&self) -> Result<(), CodedError> {
-        let Closing { lost, unanswered } = self.acquisition.closing();
+        let ClosingNote { lost, unanswered } = self.acquisition.closing();
         if lost == 0 && unanswered == 0 {
             return Ok(());
         }

@@ -85,9 +85,9 @@ impl StaticStorageBuilder<OwnStatic> for OwnStaticBuilder {
         self
     }
 
-    fn create_locked(self) -> Result<OwnLocked, StaticStorageCreateError> {
+    fn create_locked(self) -> Result<OwnStaticLock, StaticStorageCreateError> {
         let (path, prefix) = (self.path(), self.config.get_prefix().to_string());
-        Ok(OwnLocked { locked: self.inner.create_locked()?, path, prefix })
+        Ok(OwnStaticLock { locked: self.inner.create_locked()?, path, prefix })
     }
 
     fn open(self, timeout: Duration) -> Result<OwnStatic, StaticStorageOpenError> {
@@ -98,13 +98,13 @@ impl StaticStorageBuilder<OwnStatic> for OwnStaticBuilder {
 
 /// An [`OwnStatic`] that has no content yet.
 #[derive(Debug)]
-pub struct OwnLocked {
+pub struct OwnStaticLock {
     locked: Locked,
     path: String,
     prefix: String,
 }
 
-impl StaticStorageLocked<OwnStatic> for OwnLocked {
+impl StaticStorageLocked<OwnStatic> for OwnStaticLock {
     fn unlock(self, contents: &[u8]) -> Result<OwnStatic, StaticStorageUnlockError> {
         let storage = self.locked.unlock(contents)?;
         group::open_path(&self.prefix, self.path.as_ref());
@@ -112,13 +112,13 @@ impl StaticStorageLocked<OwnStatic> for OwnLocked {
     }
 }
 
-impl NamedConcept for OwnLocked {
+impl NamedConcept for OwnStaticLock {
     fn name(&self) -> &FileName {
         self.locked.name()
     }
 }
 
-impl Abandonable for OwnLocked {
+impl Abandonable for OwnStaticLock {
     unsafe fn abandon_in_place(mut this: NonNull<Self>) {
         // SAFETY: the caller's promises are passed on to the field.
         unsafe { Locked::abandon_in_place(NonNull::from_mut(&mut this.as_mut().locked)) };
@@ -175,7 +175,7 @@ impl StaticStorageView for OwnStatic {
 
 impl StaticStorage for OwnStatic {
     type Builder = OwnStaticBuilder;
-    type Locked = OwnLocked;
+    type Locked = OwnStaticLock;
     type View = StorageView;
 
     fn view(&self) -> &StorageView {

@@ -25,7 +25,7 @@ const MAX_FREE: usize = 64;
 const BLOCK: Layout = Layout::new::<[u64; 8]>();
 
 /// A value shared by its holders within one thread.
-pub struct Recycled<T> {
+pub struct RecycledRc<T> {
     counted: NonNull<CountedValue<T>>,
     _owns: PhantomData<CountedValue<T>>,
 }
@@ -35,7 +35,7 @@ struct CountedValue<T> {
     value: T,
 }
 
-impl<T> Recycled<T> {
+impl<T> RecycledRc<T> {
     /// The first holder of `value`.
     pub fn new(value: T) -> Self {
         let counted: NonNull<CountedValue<T>> = allocate(Layout::new::<CountedValue<T>>()).cast();
@@ -50,14 +50,14 @@ impl<T> Recycled<T> {
     }
 }
 
-impl<T> Deref for Recycled<T> {
+impl<T> Deref for RecycledRc<T> {
     type Target = T;
     fn deref(&self) -> &T {
         &self.counted().value
     }
 }
 
-impl<T> Clone for Recycled<T> {
+impl<T> Clone for RecycledRc<T> {
     fn clone(&self) -> Self {
         let holders = &self.counted().holders;
         // Every holder takes memory, so the count can reach its maximum only if holders are leaked. It stays there, and
@@ -67,7 +67,7 @@ impl<T> Clone for Recycled<T> {
     }
 }
 
-impl<T> Drop for Recycled<T> {
+impl<T> Drop for RecycledRc<T> {
     fn drop(&mut self) {
         let holders = &self.counted().holders;
         match holders.get() {
@@ -82,7 +82,7 @@ impl<T> Drop for Recycled<T> {
     }
 }
 
-impl<T: fmt::Debug> fmt::Debug for Recycled<T> {
+impl<T: fmt::Debug> fmt::Debug for RecycledRc<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         (**self).fmt(f)
     }
@@ -100,7 +100,7 @@ impl<T> Deref for RecycledGuard<'_, T> {
 
 impl<'a, T: Send + fmt::Debug + Abandonable> LockGuard<'a, T> for RecycledGuard<'a, T> {}
 
-impl<T: Send + fmt::Debug + Abandonable> ArcSyncPolicy<T> for Recycled<T> {
+impl<T: Send + fmt::Debug + Abandonable> ArcSyncPolicy<T> for RecycledRc<T> {
     type LockGuard<'a>
         = RecycledGuard<'a, T>
     where
@@ -116,7 +116,7 @@ impl<T: Send + fmt::Debug + Abandonable> ArcSyncPolicy<T> for Recycled<T> {
     }
 }
 
-impl<T: Abandonable> Abandonable for Recycled<T> {
+impl<T: Abandonable> Abandonable for RecycledRc<T> {
     // Used by the transport's own crash tests, which simulate the death of a process: the value's drop does not run.
     unsafe fn abandon_in_place(mut this: NonNull<Self>) {
         // SAFETY: by the caller's contract `this` is a live holder that nobody uses afterwards.
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn dropped_once_by_the_last_holder() {
         let drops = Rc::new(Cell::new(0));
-        let first = Recycled::new(DropCounter(Rc::clone(&drops), [1, 2]));
+        let first = RecycledRc::new(DropCounter(Rc::clone(&drops), [1, 2]));
         let second = first.clone();
         drop(first);
         assert_eq!((drops.get(), second.1), (0, [1, 2]));
@@ -209,10 +209,10 @@ mod tests {
 
     #[test]
     fn memory_is_used_again_but_never_twice_at_once() {
-        let first = Recycled::new([7_u64; 4]);
+        let first = RecycledRc::new([7_u64; 4]);
         let address = first.counted.as_ptr().cast::<u8>();
         drop(first);
-        let (again, other) = (Recycled::new([8_u64; 2]), Recycled::new([9_u64; 2]));
+        let (again, other) = (RecycledRc::new([8_u64; 2]), RecycledRc::new([9_u64; 2]));
         assert_eq!(again.counted.as_ptr().cast::<u8>(), address);
         assert_ne!(other.counted.as_ptr().cast::<u8>(), address);
         assert_eq!((*again, *other), ([8; 2], [9; 2]));
@@ -222,19 +222,19 @@ mod tests {
     fn large_and_many_values_work_too() {
         let drops = Rc::new(Cell::new(0));
         let many: Vec<_> =
-            (0..3 * MAX_FREE as u64).map(|k| Recycled::new(DropCounter(Rc::clone(&drops), [k, !k]))).collect();
+            (0..3 * MAX_FREE as u64).map(|k| RecycledRc::new(DropCounter(Rc::clone(&drops), [k, !k]))).collect();
         assert!(many.iter().zip(0..).all(|(held, k)| held.1 == [k, !k]));
         drop(many);
         assert_eq!(drops.get(), 3 * MAX_FREE as u32);
         assert!(FREE.with(|free| free.borrow().0.len()) <= MAX_FREE);
-        let large = Recycled::new([5_u8; 4096]);
+        let large = RecycledRc::new([5_u8; 4096]);
         assert!(large.clone().iter().all(|byte| *byte == 5));
     }
 
     #[test]
     fn values_may_outlive_the_list_of_their_thread() {
         thread_local! {
-            static LATE: RefCell<Option<Recycled<u64>>> = const { RefCell::new(None) };
+            static LATE: RefCell<Option<RecycledRc<u64>>> = const { RefCell::new(None) };
         }
         // Either thread-local may be destroyed first; nothing is freed twice or used after it was freed.
         for order in [true, false] {
@@ -242,7 +242,7 @@ mod tests {
                 if order {
                     LATE.with(|late| late.borrow_mut().take());
                 }
-                let held = Recycled::new(3);
+                let held = RecycledRc::new(3);
                 LATE.with(|late| *late.borrow_mut() = Some(held));
             })
             .join()

@@ -19,7 +19,7 @@
 
 use super::own_static::OwnStatic;
 use super::own_storage::OwnStorage;
-use super::recycled::Recycled;
+use super::recycled::RecycledRc;
 use core::fmt;
 use core::time::Duration;
 use iceoryx2::prelude::{Config, FileName, Node, Path, SemanticString as _, ServiceName, ZeroCopySend, ipc};
@@ -77,7 +77,7 @@ type Segment = Memory<PoolAllocator, OwnStorage<AllocatorDetails<PoolAllocator>>
 
 /// iceoryx2's inter-process variant with four differences. Shared memory of other users is never opened, see
 /// [`OwnStorage`]. A process removes no file that another one has made in the place of its own, see [`OwnStatic`]. The
-/// bookkeeping of a loan uses [`Recycled`] memory instead of a new allocation for each loan. The counter of the
+/// bookkeeping of a loan uses [`RecycledRc`] memory instead of a new allocation for each loan. The counter of the
 /// domain's nodes is a file in the domain's folder, which other users cannot enter: in shared memory the transport
 /// would leave it writable by everybody, and would wait for it without limit if somebody cut it.
 ///
@@ -99,7 +99,7 @@ impl Service for Ipc {
         GenericUnixDatagramSocketTrigger<RelocatableCountingBitSet, OwnStorage<State<RelocatableCountingBitSet, ()>>>;
     type Monitoring = <ipc::Service as Service>::Monitoring;
     type Reactor = <ipc::Service as Service>::Reactor;
-    type ArcThreadSafetyPolicy<T: Send + fmt::Debug + Abandonable> = Recycled<T>;
+    type ArcThreadSafetyPolicy<T: Send + fmt::Debug + Abandonable> = RecycledRc<T>;
     type BlackboardMgmt<T: Send + Sync + fmt::Debug + ZeroCopySend + 'static> =
         <ipc::Service as Service>::BlackboardMgmt<T>;
     type BlackboardPayload = <ipc::Service as Service>::BlackboardPayload;

@@ -613,7 +613,7 @@ class Batch:
     def summary(self) -> dict[str, Any]:
         """The statistics, as `isotherm calibrate turntable --batch --json` prints them: each quantity with its unit, median, standard deviation and range."""
     @property
-    def units(self) -> list[str]:
+    def devices(self) -> list[str]:
         """The IMUs, in the order of the values."""
     @property
     def stand_outs(self) -> list[tuple[str, str, float]] | None:

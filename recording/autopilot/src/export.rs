@@ -61,7 +61,7 @@ impl ExportOptions {
 
 /// The parameters of a table.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Exported {
+pub struct ExportedParameters {
     /// The text of a `.params` or `.parm` file.
     pub text: String,
     /// What was left out, as permitted.
@@ -141,7 +141,7 @@ impl From<ExportError> for Failure {
 /// # Errors
 /// What the parameters cannot say, unless it is dropped, each with the size of what would be lost; options that cannot
 /// be.
-pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<Exported, ExportError> {
+pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<ExportedParameters, ExportError> {
     let content = table.content();
     let autopilot = options.autopilot;
     let instance = autopilot.instance(options.instance)?;
@@ -172,7 +172,13 @@ pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<Expor
     };
     let difference = difference(&text, instance, options, &written)?;
     let range = written.first().map_or([0.0; 2], |triad| triad.range);
-    Ok(Exported { text, lost, difference, range, notes: notes(options, content.out_of_range, &triads, &written) })
+    Ok(ExportedParameters {
+        text,
+        lost,
+        difference,
+        range,
+        notes: notes(options, content.out_of_range, &triads, &written),
+    })
 }
 
 /// What is written of a triad.

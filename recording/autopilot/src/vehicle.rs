@@ -1,7 +1,7 @@
 //! The parameters of several IMUs of one vehicle, as one file.
 
 use crate::autopilot::Autopilot;
-use crate::export::{Difference, Exported};
+use crate::export::{Difference, ExportedParameters};
 use crate::px4;
 use isotherm_shared::units::SensorKind;
 
@@ -14,7 +14,7 @@ use isotherm_shared::units::SensorKind;
 /// Of what was left out, and of the differences, the result has those of all; the range is that of all together. Its
 /// notes are about the file; those of each IMU are not repeated.
 #[must_use]
-pub fn vehicle(autopilot: Autopilot, imus: &[(&str, Option<&Exported>)]) -> Exported {
+pub fn vehicle(autopilot: Autopilot, imus: &[(&str, Option<&ExportedParameters>)]) -> ExportedParameters {
     let all: Vec<_> = imus.iter().filter_map(|(_, exported)| *exported).collect();
     let (text, notes) = match autopilot {
         Autopilot::Px4 => px4_file(imus),
@@ -24,7 +24,7 @@ pub fn vehicle(autopilot: Autopilot, imus: &[(&str, Option<&Exported>)]) -> Expo
     let accelerometers = largest(&mut all.iter().map(|it| it.difference.accelerometers));
     let gyroscopes = largest(&mut all.iter().filter_map(|it| it.difference.gyroscopes));
     let range = all.iter().map(|it| it.range).reduce(|[a, b], [low, high]| [a.min(low), b.max(high)]);
-    Exported {
+    ExportedParameters {
         text,
         lost: all.iter().flat_map(|exported| exported.lost.clone()).collect(),
         difference: Difference { accelerometers: accelerometers.unwrap_or(0.0), gyroscopes },
@@ -34,12 +34,12 @@ pub fn vehicle(autopilot: Autopilot, imus: &[(&str, Option<&Exported>)]) -> Expo
 }
 
 /// The text of PX4's file, and what it lacks.
-fn px4_file(imus: &[(&str, Option<&Exported>)]) -> (String, Vec<String>) {
+fn px4_file(imus: &[(&str, Option<&ExportedParameters>)]) -> (String, Vec<String>) {
     let (mut text, mut notes) = (px4::HEAD.to_owned(), Vec::new());
     let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
     let enables = kinds.map(px4::enable_line);
     for (kind, enable) in kinds.into_iter().zip(&enables) {
-        let has = |exported: &Option<&Exported>| exported.is_some_and(|it| it.text.contains(enable.as_str()));
+        let has = |exported: &Option<&ExportedParameters>| exported.is_some_and(|it| it.text.contains(enable.as_str()));
         let without: Vec<_> = imus.iter().filter(|(_, exported)| !has(exported)).map(|(name, _)| *name).collect();
         match without.len() {
             0 => text += enable,

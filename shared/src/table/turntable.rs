@@ -1,7 +1,7 @@
 //! The turntable that a table was measured on, as far as the table's provenance says: how its base stood, how the IMU
 //! sat on it, and Earth's rate there.
 
-use crate::document::Unchecked;
+use crate::document::LenientSection;
 use crate::wire::AXES;
 use nalgebra::Matrix3;
 
@@ -30,7 +30,7 @@ pub struct Turntable {
 impl Turntable {
     /// Reads it from the keys `earth_rate_deg_h`, `earth_rate_standard_error`, `set_points`, `tilt_rad` and `mounting`
     /// of the provenance. `None` if Earth's rate is not there, or if one of them cannot be right.
-    pub(super) fn read(provenance: Unchecked<'_, '_>) -> Option<Self> {
+    pub(super) fn read(provenance: LenientSection<'_, '_>) -> Option<Self> {
         let within = |values: &[f64], most: f64| values.iter().map(|v| v * v).sum::<f64>().sqrt() <= most;
         let earth_rate_deg_h = <[f64; AXES]>::try_from(provenance.numbers("earth_rate_deg_h")?).ok()?;
         let pair = |key: &str| <[f64; 2]>::try_from(provenance.numbers(key)?).ok();

@@ -45,7 +45,9 @@ fn serve_check_and_status_are_those_of_isotherm() {
             // .. and the latencies, which have no samples once they are old.
             let is_of_now =
                 |line: &&str| line.contains(", up ") || [" second ", " minute "].iter().any(|it| line.contains(it));
-            let lines = said.iter().flat_map(|printed| printed.lines()).filter(|line| !is_of_now(line));
+            // The switches of messages are those of `isotherm` alone.
+            let printed = said.map(|printed| without_switches(&printed));
+            let lines = printed.iter().flat_map(|printed| printed.lines()).filter(|line| !is_of_now(line));
             let is_figure = |word: &str| arguments[0] == "status" && word.parse::<f64>().is_ok();
             let words = lines.flat_map(str::split_whitespace).map(|word| if is_figure(word) { "figure" } else { word });
             let words: Vec<_> = words.map(str::to_owned).collect();
@@ -55,6 +57,17 @@ fn serve_check_and_status_are_those_of_isotherm() {
         assert!(!daemon.1.is_empty(), "{arguments:?}");
     }
     service.terminate();
+}
+
+/// The help without the options `--quiet` and `--verbose`.
+fn without_switches(printed: &str) -> String {
+    let mut is_switch = false;
+    let kept = printed.lines().filter(|line| {
+        let begins = line.trim_start().starts_with('-');
+        is_switch = if begins { line.contains("--quiet") || line.contains("--verbose") } else { is_switch };
+        !is_switch
+    });
+    kept.map(|line| format!("{line}\n")).collect()
 }
 
 /// As the program `iox2` does: with iceoryx2's own type of service, and nothing of the client library.

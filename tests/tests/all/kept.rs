@@ -2,7 +2,7 @@
 //! as many periods, and every period has the lag of its time.
 
 use isotherm_client::{
-    Acquisition, Closing, Flags, Lag, LagOption, RawReader, RawSample, SendError, TimeConstant, Triad,
+    Acquisition, ClosingNote, Flags, Lag, LagOption, RawReader, RawSample, SendError, TimeConstant, Triad,
 };
 use isotherm_client::{CompensatedIncrement, MOST_KEPT, Sensor};
 use isotherm_tests::{TestDomain, id, wait_until};
@@ -82,7 +82,7 @@ fn what_does_not_fit_into_memory_is_a_gap_of_as_many_periods() {
         (&1.into(), &(3 * DROPPED).into(), &0.into()),
         "{imu}"
     );
-    let Closing { lost, unanswered } = acquisition.close();
+    let ClosingNote { lost, unanswered } = acquisition.close();
     assert_eq!((lost, unanswered), (3 * DROPPED, 0));
     wait_until("the closing", || domain.imu_status()["closed"]["lost"] == 3 * DROPPED);
     service.terminate();
@@ -144,7 +144,7 @@ fn periods_that_were_kept_have_the_lag_of_their_time_and_count_when_they_are_giv
         fill(&mut sample, begun + 300 + number, 2.5);
         acquisition.keep(sample).unwrap();
     }
-    assert_eq!(acquisition.close(), Closing { lost: 200, unanswered: 0 });
+    assert_eq!(acquisition.close(), ClosingNote { lost: 200, unanswered: 0 });
     service.resume();
     wait_until("the closing", || domain.imu_status()["closed"]["lost"] == 200);
     service.terminate();

@@ -204,7 +204,8 @@ fn every_option_of_a_path_is_listed() {
     let listed: BTreeSet<_> = writing.chain(READING.iter().copied()).chain(SHARED).map(str::to_owned).collect();
     let missing: Vec<_> = found.difference(&listed).collect();
     assert!(missing.is_empty(), "put them into WRITING or READING: {missing:?}");
-    let gone: Vec<_> = listed.difference(&found).collect();
+    // The path of an export stands behind the name of an autopilot.
+    let gone: Vec<_> = listed.difference(&found).filter(|option| *option != "calibrate warm-up export").collect();
     assert!(gone.is_empty(), "there is no such option: {gone:?}");
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: these are the tests of the acquisition's round trip, in one place.
 
-use isotherm_client::{Closing, CompensateError, Domain, InFlight, SendError};
+use isotherm_client::{ClosingNote, CompensateError, Domain, InFlight, SendError};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::wire::{Flags, RawSample, Triad};
 use isotherm_tests::{
@@ -388,7 +388,7 @@ fn a_period_that_is_dropped_is_a_gap() {
     assert_eq!(gaps, [200]);
     let status = domain.imu_status();
     assert_eq!((&status["gaps"], &status["missing"]), (&1.into(), &dropped.into()));
-    assert_eq!(acquisition.close(), Closing { lost: dropped, unanswered: 0 });
+    assert_eq!(acquisition.close(), ClosingNote { lost: dropped, unanswered: 0 });
     service.terminate();
 }
 
@@ -409,7 +409,7 @@ fn what_was_lost_at_the_end_is_logged_and_kept_in_the_status() {
             Err(_) => dropped += 1,
         }
     }
-    assert_eq!(acquisition.close(), Closing { lost: dropped, unanswered: sent });
+    assert_eq!(acquisition.close(), ClosingNote { lost: dropped, unanswered: sent });
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     service.wait_for_log("10 control periods had not been sent");
     wait_until("the status", || !domain.imu_status()["closed"].is_null());

@@ -205,7 +205,7 @@ fn samples_of_another_device_are_refused_unless_wanted() {
     );
     // `replay` computes, warns once and counts.
     let (_, err) = expect(&domain.run(&["replay", "--table", "imu-g.toml", "other.csv", "-o", "increments.csv"]), 0);
-    assert_eq!(err.matches("another unit").count(), 1, "{err}");
+    assert_eq!(err.matches("another device").count(), 1, "{err}");
     assert!(err.contains("400 increments, 400 flagged: other-device 400"), "{err}");
 }
 

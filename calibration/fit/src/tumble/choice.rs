@@ -403,5 +403,5 @@ fn shown(times_root_n: f64) -> String {
 }
 
 fn poses(n: usize) -> &'static str {
-    if n == 1 { "static_pose" } else { "static_poses" }
+    if n == 1 { "static pose" } else { "static poses" }
 }

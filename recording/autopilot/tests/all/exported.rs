@@ -3,7 +3,9 @@
 use crate::common::{
     DEVICES, FULL_PARAMS, FULL_PARM, KINDS, import_options, imported, mixed, parsed, subtracted, table, temperatures,
 };
-use isotherm_autopilot::{Autopilot, ExportError, ExportOptions, Exported, Parameters, export, import, vehicle};
+use isotherm_autopilot::{
+    Autopilot, ExportError, ExportOptions, ExportedParameters, Parameters, export, import, vehicle,
+};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::Failure;
 
@@ -22,7 +24,7 @@ fn instance(instance: u8, options: ExportOptions) -> ExportOptions {
 /// Exports a table, and compares what the firmware subtracts, by its own formula in float32, with what the kernel
 /// subtracts, at 200 temperatures. Returns the largest difference.
 fn agrees(table: &CoefficientTable, options: &ExportOptions) -> f64 {
-    let Exported { text, difference, .. } = export(table, options).unwrap();
+    let ExportedParameters { text, difference, .. } = export(table, options).unwrap();
     let parameters = Parameters::read(&text, options.autopilot, options.instance).unwrap();
     let range @ [low, high] = table.content().axes[0].bias.range();
     // Without constants the curves are relative.

@@ -289,7 +289,7 @@ fn lengths_of_another_device_are_refused() {
     assert_eq!(lengths(false), Err(MagnitudesError::OtherDevice(others.len())));
     assert_eq!(lengths(true).unwrap().other_device, others.len());
     let error = calibrate_tumble(&campaign, &[recording(&others)], &options).unwrap_err().to_string();
-    assert!(error.contains("another unit than serial number 17"), "{error}");
+    assert!(error.contains("another device than serial number 17"), "{error}");
 }
 
 #[test]

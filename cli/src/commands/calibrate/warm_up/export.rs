@@ -1,7 +1,7 @@
 //! Parameters of autopilots that `calibrate warm-up` shows and writes.
 
 use crate::commands::export::{ParameterArgs, tell_exported};
-use isotherm_autopilot::{Autopilot, ExportOptions, Exported, Parameters, ReadError, export};
+use isotherm_autopilot::{Autopilot, ExportOptions, ExportedParameters, Parameters, ReadError, export};
 use isotherm_files::{LoadError, StagedText, read_parameters};
 use isotherm_fit::OnBoard;
 use isotherm_pipeline::JobOutcome;
@@ -59,7 +59,7 @@ impl FromStr for ParameterFile {
 
 impl ParameterFile {
     /// Tells what was written.
-    pub(super) fn tell(&self, exported: &Exported) {
+    pub(super) fn tell(&self, exported: &ExportedParameters) {
         tell_exported(exported, self.autopilot, &self.path);
     }
 }
@@ -74,7 +74,7 @@ pub(super) fn exported(
     files: &[ParameterFile],
     parameters: &ParameterArgs,
     outcome: &JobOutcome,
-) -> Result<Vec<Exported>, Failure> {
+) -> Result<Vec<ExportedParameters>, Failure> {
     let one = |file: &ParameterFile| {
         let options = parameters.options(file.autopilot, None, outcome.source.log_imu);
         // Of two autopilots only PX4 wants them.

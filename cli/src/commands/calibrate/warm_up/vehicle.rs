@@ -5,7 +5,7 @@ use super::WarmUp;
 use super::export::{exported, staged_exports};
 use crate::commands::calibrate::several::{TableMember, check_dropped};
 use crate::commands::export::{tell_left_out, tell_notes};
-use isotherm_autopilot::{Exported, vehicle};
+use isotherm_autopilot::{ExportedParameters, vehicle};
 use isotherm_files::StagedText;
 use isotherm_fit::tool;
 use isotherm_pipeline::{INSTANCE, InputOptions, JobFailure, Vehicle, VehicleImu, now};
@@ -71,7 +71,7 @@ impl WarmUp {
         of: &VehicleImu,
         table: PathBuf,
         input: &InputOptions,
-    ) -> Result<(TableMember, Vec<Exported>), JobFailure> {
+    ) -> Result<(TableMember, Vec<ExportedParameters>), JobFailure> {
         let made = self.calibrate(of, input).and_then(|made| {
             let exported = exported(&self.export, &self.parameters, &made.1)?;
             Ok((made, exported))
@@ -123,7 +123,7 @@ impl WarmUp {
     }
 
     /// The parameters of the vehicle, for each `--export`.
-    fn joint(&self, members: &[TableMember], exported: &[Vec<Exported>]) -> Vec<Exported> {
+    fn joint(&self, members: &[TableMember], exported: &[Vec<ExportedParameters>]) -> Vec<ExportedParameters> {
         let of_file = |(index, autopilot)| {
             let imus = members.iter().zip(exported);
             let imus: Vec<_> = imus.map(|(member, exported)| (member.imu.as_str(), exported.get(index))).collect();
