@@ -51,6 +51,7 @@ const EXCEPT: &[&str] = &[
     "client/c/src/lag.rs",
     "client/c/abi/libisotherm_client.so.0",
     "shared/src/document.rs",
+    "calibration/fit/src/provenance/tumble.rs",
     "support/src/finding/name.rs",
     "cli/src/commands/calibrate/former.rs",
     "cli/tests/all/findings.rs",

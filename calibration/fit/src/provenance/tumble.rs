@@ -28,7 +28,7 @@ view! { pub(super) TumbleProvenance<'a>(
         Some(campaign.gravity_source.half_width() * campaign.gravity_local).filter(|half| *half > 0.0),
     latitude_deg: Option<f64> = campaign.latitude_deg,
     height_m: Option<f64> = campaign.height_m,
-    static_poses: usize = calibration.readings.len(),
+    standstills: usize = calibration.readings.len(),
     /// Numbers of the static poses that were left out.
     excluded: &'a [usize] = &calibration.options.exclude,
     temperatures: usize = calibration.groups.levels,

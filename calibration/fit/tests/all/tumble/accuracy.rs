@@ -5,9 +5,10 @@ use isotherm_fit::{TumbleOptions, calibrate_tumble};
 use isotherm_simulation::RandomGenerator;
 
 #[test]
-fn errors_are_as_large_as_their_standard_errors_in_28_campaigns() {
+fn errors_are_as_large_as_their_standard_errors() {
     let (mut worst, mut squares, mut count) = ([0.0_f64; 3], [0.0; 3], [0.0; 3]);
-    for seed in 0..28 {
+    let campaigns = if std::env::var_os("ISOTHERM_ALL_SEEDS").is_some() { 28 } else { 10 };
+    for seed in 0..campaigns {
         let truth = Truth::random(seed);
         let local = 9.79179;
         let mut imu = SimulatedImu::new(truth.clone(), seed, local / STANDARD);

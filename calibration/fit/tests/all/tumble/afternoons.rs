@@ -322,7 +322,7 @@ fn honest(count: u64, first: u64) -> (Vec<String>, [Tally; 4]) {
 
 #[test]
 fn honest_afternoons_are_calibrated_and_their_intervals_hold_the_truth() {
-    judge(20);
+    judge(10);
 }
 
 #[test]
