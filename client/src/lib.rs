@@ -28,11 +28,14 @@
 //!         raw.timestamp_ns = latched.timestamp_ns;      // end of the period, your clock
 //!         raw.telemetry_ns = latched.telemetry_ns;      // when the temperatures were measured, your clock
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
-//!         raw.accelerometers = latched.accelerometers;  // pulses of both channels, and temperature in the table's
-//! unit         raw.gyroscopes = latched.gyroscopes;          // leave them out where the IMU has none         let
-//! increment = acquisition.compensate(raw, Duration::from_millis(10))?;         println!("{:?} m/s, {:?} rad",
-//! increment.velocity_increment, increment.angle_increment);         acquisition.prepare();                        //
-//! the next sample finds its way warm; best 10 us before     }     Ok(()) }
+//!         raw.accelerometers = latched.accelerometers;  // pulses of both channels; temperature in the table's unit
+//!         raw.gyroscopes = latched.gyroscopes;          // leave them out where the IMU has none
+//!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
+//!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
+//!         acquisition.prepare();                        // the next sample finds its way warm; best 10 us before
+//!     }
+//!     Ok(())
+//! }
 //! ```
 //!
 //! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has

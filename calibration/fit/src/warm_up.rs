@@ -7,7 +7,7 @@
 //! 2. The recordings are [ramps](crate::ramps): lag and transient of each bias, the band between sweeps, steps, another
 //!    unit, missing rows are found as there. `nominal` gives everything but the bias curves.
 //! 3. `curves`: each curve goes through means of 1/200 of the temperature's range, which weigh by how they scatter;
-//! each    recording has a constant of its own.
+//!    each recording has a constant of its own.
 //! 4. `order`: all curves are cubics, unless a higher order predicts sweeps that are left out clearly better.
 //! 5. The constant of an accelerometer's curve contains the attitude: the curve keeps the bias of `nominal` at the
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
