@@ -186,7 +186,7 @@ def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
     program = "\n".join(blocks(REPOSITORY / "docs/compare.md"))
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=150)
     assert done.returncode == 0, done.stderr
-    assert "'A1 bias'" in done.stdout and "No unit stands out" in done.stdout
+    assert "'A1 bias'" in done.stdout and "No device stands out" in done.stdout
 
 
 def of_another_device(samples: Path) -> None:
@@ -214,7 +214,7 @@ def test_fleet(tmp_path: Path) -> None:
     arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "2"]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
     assert done.returncode == 1, done.stderr
-    assert "2 tables, 2 campaigns failed\nbatch of 2 units\n" in done.stdout, done.stdout
+    assert "2 tables, 2 campaigns failed\nbatch of 2 devices\n" in done.stdout, done.stdout
     assert f"{campaigns[1]}: failed: [Errno 2] No such file or directory" in done.stderr
     assert f"{campaigns[3]}: failed: {campaigns[2]} is a campaign of imu-3 too; give one" in done.stderr
     assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]

@@ -607,7 +607,7 @@ def test_angles_need_earths_rate_and_other_units_are_refused(still: Path, tmp_pa
     unit = isotherm.Table.parse("\n".join(line for line in bare.splitlines() if not line.startswith("digest")))
     other = samples.copy()
     other["device"] = 1
-    with pytest.raises(isotherm.StabilityError, match="another unit"):
+    with pytest.raises(isotherm.StabilityError, match="another device"):
         isotherm.verify(unit, other)
     assert isotherm.verify(unit, other, other_device=True).factor == isotherm.verify(unit, samples).factor
 
