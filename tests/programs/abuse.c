@@ -330,7 +330,7 @@ static void lag(isotherm_acquisition *acquisition)
     for (size_t i = 0; i < sizeof values / sizeof *values; i++)
         for (uint32_t sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
             CHECK(isotherm_reading(acquisition, sensor, values[i], i % 2 == 0 ? UINT64_MAX - i : i) == ISOTHERM_OK);
-    CHECK(isotherm_save_lag(acquisition, &kept) == ISOTHERM_OK && kept.sensors[5].temperature == 2.5 && isfinite(kept.sensors[5].lagged));
+    CHECK(isotherm_save_lag(acquisition, &kept) == ISOTHERM_OK && kept.sensors[5].telemetry == 2.5 && isfinite(kept.sensors[5].lagged));
     for (int byte = 0; byte < 256; byte++) {
         memset(&any, byte, sizeof any);
         CHECK(isotherm_restore_lag(acquisition, &any) == ISOTHERM_OK);

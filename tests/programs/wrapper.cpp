@@ -116,7 +116,7 @@ int main(int, char **words)
     acquisition.reading(0, 2.0, 1'000'000'000);
     acquisition.reading(0, 3.0, 11'000'000'000);
     const auto kept = acquisition.lag();
-    CHECK(kept.sensors[0].temperature == 3.0 && kept.sensors[0].lagged > 2.0 && kept.sensors[0].lagged < 3.0);
+    CHECK(kept.sensors[0].telemetry == 3.0 && kept.sensors[0].lagged > 2.0 && kept.sensors[0].lagged < 3.0);
     acquisition.begin_session();
     CHECK(!(acquisition.lag().sensors[0].lagged == kept.sensors[0].lagged));
     acquisition.restore_lag(kept);

@@ -48,7 +48,8 @@ pub const WHOLE_TABLE: &str = include_str!("../data/imu-g.toml");
 
 /// Time limit of every wait. It is generous: it only bounds a failing test.
 pub const TIMEOUT: Duration = Duration::from_secs(20);
-/// Time limit of a test; the watchdog aborts it then. A machine that does other things makes a test several times longer.
+/// Time limit of a test; the watchdog aborts it then. A machine that does other things makes a test several times
+/// longer.
 const WATCHDOG_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// The domain and the folder of one test. Dropping it ends its processes and removes its files and shared memory.

@@ -23,6 +23,7 @@ const WORDS: &[(&str, &str, &[&str])] = &[
             "telemetry_per_h",
             "double telemetry",
             "sensor, telemetry",
+            "].telemetry",
         ],
     ),
     ("standstill", "static pose", &[]),
