@@ -44,6 +44,7 @@ const NOUNS: &[&str] = &[
     "Recording",
     "TumbleRecording",
     "TurntableReading",
+    "isotherm_lagged_reading", // the C interface
 ];
 
 /// Files in which an old word stands because it is refused, or because an interface keeps it.
