@@ -218,7 +218,7 @@ mod tests {
     fn an_unknown_name_tells_the_nearest() {
         let message = unknown(&topics(), "a2-hed-below").message;
         assert!(message.contains("near it are a2-head-below"), "{message}");
-        assert!(unknown(&topics(), "temperature-stal").message.contains("telemetry-stale"));
+        assert!(unknown(&topics(), "telemetry-stalee").message.contains("telemetry-stale"));
         assert!(!unknown(&topics(), "xyzxyzxyz").message.contains("near it"));
         assert_eq!((distance("gap", "gap"), distance("gap", "tap"), distance("late", "plates")), (0, 1, 2));
     }
