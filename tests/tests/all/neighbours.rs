@@ -103,7 +103,7 @@ fn objects_of_other_users_in_shared_memory_are_ignored() {
 
 /// The path of the object that programs without Isotherm's client make when they join.
 fn counter_of_nodes(domain: &Domain) -> PathBuf {
-    let node = NodeBuilder::new().config(&configuration(&domain).unwrap()).create::<ipc::Service>().unwrap();
+    let node = NodeBuilder::new().config(&configuration(domain).unwrap()).create::<ipc::Service>().unwrap();
     let mut objects = fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.path());
     let prefix = in_shared_memory(domain, "").into_os_string().into_string().unwrap();
     let counter = objects
@@ -190,7 +190,7 @@ fn nothing_in_shared_memory_is_open_to_other_users() {
         assert_eq!(file.metadata().unwrap().mode() & 0o077, 0, "{}", file.path().display());
     }
     // A program that uses the transport without Isotherm's client leaves an object that everybody may write.
-    let config = configuration(&domain.client_domain()).unwrap();
+    let config = configuration(domain.client_domain()).unwrap();
     let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
     wait_until("the service to close it", || open_to_others().is_empty());
     drop(node);

@@ -270,7 +270,7 @@ fn answer_name(index: usize) -> String {
 /// A node with the settings of Isotherm's nodes.
 fn node(domain: &Domain) -> BenchResult<Node<ipc::Service>> {
     let node = NodeBuilder::new()
-        .config(&isotherm_client::transport::stream::configuration(&domain)?)
+        .config(&isotherm_client::transport::stream::configuration(domain)?)
         .signal_handling_mode(SignalHandlingMode::Disabled);
     Ok(node.create()?)
 }

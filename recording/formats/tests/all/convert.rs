@@ -375,7 +375,7 @@ fn formats_that_are_not_converted_are_refused_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let failure = Conversion::open(&source(folder.path()), None, &Settings::default()).err().unwrap();
     assert!(failure.message.contains("name the .mcap file in it"), "{failure}");
-    let failure = Conversion::open(&source(&folder.path().join("none")), None, &Settings::default()).err().unwrap();
+    let failure = Conversion::open(&source(folder.path().join("none")), None, &Settings::default()).err().unwrap();
     assert_eq!(failure.exit, Exit::Io);
 }
 

@@ -333,7 +333,7 @@ fn two_texts_of_a_known_layout_are_joined_without_a_mapping() {
         [(&acc, &gyr, [-5, 4, 12], None), (&accel, &gyro, [10_000, -20_000, 30_000], Some(1e-6))]
     {
         let by_name = read_with(&[other.clone(), one.clone()], None, Settings::default()).unwrap();
-        let given = Settings { gyroscope_file: Some(source(&other)), ..Settings::default() };
+        let given = Settings { gyroscope_file: Some(source(other)), ..Settings::default() };
         let (rows, recording) = read_with(std::slice::from_ref(one), None, given).unwrap();
         assert_eq!(rows, by_name.0);
         let Triad { positive_pulses, negative_pulses, .. } = rows[0].gyroscopes;
@@ -358,7 +358,7 @@ fn what_two_texts_lack_is_said_with_the_file() {
         failure.exit == Exit::Usage && failure.message.contains("the mapping has none: give [gyroscope]"),
         "{failure}"
     );
-    let given = |file: &PathBuf| Settings { gyroscope_file: Some(source(&file)), ..Settings::default() };
+    let given = |file: &PathBuf| Settings { gyroscope_file: Some(source(file)), ..Settings::default() };
     let failure = refused(&pair[..1], &lacking, given(&gyr));
     assert!(failure.message.contains("the mapping has no gyroscopes; give [gyroscope]"), "{failure}");
     // Without the option a column of both is a mistake, and the message names the option.

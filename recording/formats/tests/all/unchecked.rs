@@ -84,14 +84,14 @@ fn files_from_before_there_were_checks_are_known_and_can_be_repaired() {
     for name in
         RAW_FILES.map(|(name, ..)| name).into_iter().chain(["recorded.increments.csv", "recorded.increments.parquet"])
     {
-        let RepairReport { has_checks, holes, streams, .. } = inspect(&source(&file(name))).unwrap();
+        let RepairReport { has_checks, holes, streams, .. } = inspect(&source(file(name))).unwrap();
         // Chunks of MCAP have always had one.
         assert_eq!((has_checks, holes.len()), (name.ends_with("mcap"), 0), "{name}");
         let count = if name.starts_with("recorded") { (40, 2) } else { (19, 1) };
         assert!(streams.iter().all(|stream| (stream.rows, stream.sessions) == count), "{name}: {streams:?}");
         // What is taken of them has none either: nothing vouches for it.
         let mut taken = Vec::new();
-        repair(&source(&file(name)), &mut taken).unwrap();
+        repair(&source(file(name)), &mut taken).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
         fs::write(&path, &taken).unwrap();
