@@ -145,7 +145,7 @@ pub(crate) struct Link {
     next_attempt: Instant,
     since: Instant,
     give_up: Option<Duration>,
-    /// Why the service is waited for, as it was told last.
+    /// The last message on why the acquisition waits for the service.
     told_cause: Option<String>,
     /// For the successor of this process; `None` for a source that is no device.
     note: Option<AcquisitionNote>,

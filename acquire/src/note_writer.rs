@@ -18,7 +18,7 @@ pub(crate) struct NoteWriter {
 }
 
 impl NoteWriter {
-    /// Starts the thread. Without it nothing is written, which is told, with the `loss` that this is.
+    /// Starts the thread. If it cannot start, nothing is written, and a warning says what is lost: `loss`.
     pub(crate) fn start(domain: &Domain, note: Note, loss: &'static str) -> Self {
         let (contents, received) = sync_channel::<Vec<u8>>(1);
         let (end, ended) = sync_channel(1);

@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(20);
 /// Longest wait while samples wait for room in the service's queue.
 const BUSY: Duration = Duration::from_millis(1);
-/// How often the tally is told, is written for the exporter of metrics, and the rate is judged.
+/// How often the tally is printed and written for the exporter, and how often the rate is checked.
 const TOLD: Duration = Duration::from_secs(60);
 const WRITTEN: Duration = Duration::from_secs(1);
 const JUDGED: Duration = Duration::from_millis(500);
