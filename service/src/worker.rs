@@ -9,7 +9,7 @@
 //! time from each raw queue in turn, so that a flooded queue delays the sample of another IMU by the time of one
 //! sample.
 //!
-//! [`turns`] has the order of turns. What an answer does not need is done when the IMU's queue is seen empty, or before
+//! `turns` has the order of turns. What an answer does not need is done when the IMU's queue is seen empty, or before
 //! its next sample ([`Channel::settle`]). When no sample waits at all, the worker rehearses ([`rehearse`]).
 //!
 //! The control thread builds, checks and frees tables. The worker exchanges a pointer between two samples, so all
