@@ -85,7 +85,7 @@ pub(crate) struct Decoder {
     /// Bytes of the stream before the buffer.
     before: u64,
     /// Where each piece of the stream ended, and when it arrived.
-    arrivals: VecDeque<(u64, Arrival)>,
+    arrivals: VecDeque<(u64, FrameArrival)>,
     /// Up to here bytes are skipped for this cause: the end of a frame that was not right.
     damaged: Option<(u64, Cause)>,
     /// Whether the last bytes that were done with are a frame.
@@ -98,7 +98,7 @@ pub(crate) struct Decoder {
 
 /// When bytes arrived: not before the first time, at which the line was known to be empty, and not after the second.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Arrival {
+pub struct FrameArrival {
     /// The line was empty \[ns, monotonic clock\].
     pub after_ns: u64,
     /// The bytes were there \[ns, monotonic clock\].
@@ -111,7 +111,7 @@ pub struct DecodedFrame<'a> {
     /// The values of the fields.
     pub row: &'a [Value],
     /// When its last byte arrived.
-    pub arrival: Arrival,
+    pub arrival: FrameArrival,
     /// Its length \[bytes\].
     pub bytes: usize,
     /// How many frames were lost on the line before this one, as far as damaged bytes show it.
@@ -149,7 +149,7 @@ impl Decoder {
     }
 
     /// Takes the next bytes of the stream, and gives each frame that is complete to `sink`.
-    pub(crate) fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
+    pub(crate) fn push(&mut self, bytes: &[u8], arrival: FrameArrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         for piece in bytes.chunks(PIECE) {
             self.buffer.extend_from_slice(piece);
             let end = self.before + self.buffer.len() as u64;
@@ -261,7 +261,7 @@ impl Decoder {
         self.done += length;
         let end = self.before + self.done as u64;
         let arrival =
-            self.arrivals.iter().find(|(piece, _)| *piece >= end).map_or_else(Arrival::default, |(_, at)| *at);
+            self.arrivals.iter().find(|(piece, _)| *piece >= end).map_or_else(FrameArrival::default, |(_, at)| *at);
         let skipped = std::mem::take(&mut self.skipped_here);
         self.adjoins = true;
         // A part of a frame is a lost frame.

@@ -3,7 +3,7 @@
 mod judge;
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, DecodedFrame};
+use crate::frames::{DecodedFrame, FrameArrival};
 use crate::health::Health;
 use crate::identity::Signature;
 use crate::link::SoakSpan;
@@ -50,7 +50,7 @@ pub(crate) struct Intake {
     warned_of_rate: bool,
     /// When the rate was off, by both clocks since it is measured \[s\].
     suspected: Option<(f64, f64)>,
-    last_arrival: Option<Arrival>,
+    last_arrival: Option<FrameArrival>,
     sessions: Notice,
     counts: Notice,
     rates: Notice,
@@ -93,7 +93,7 @@ impl SessionRestarts {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RowArrival {
     /// `None` for rows that do not come at their time.
-    pub(crate) arrival: Option<Arrival>,
+    pub(crate) arrival: Option<FrameArrival>,
     pub(crate) bytes: usize,
     pub(crate) damaged: u64,
     /// The time of the row, on the clock of its arrival \[ns\].
@@ -170,9 +170,10 @@ impl Intake {
         let latency = timing.latency.map_or(0.0, |(column, unit)| value(column).number * unit);
         let late = arrived.bytes as f64 * self.byte_ns + if latency.is_finite() { latency.max(0.0) } else { 0.0 };
         let earlier = |at: u64| at.saturating_sub(late as u64);
-        let arrival = arrived
-            .arrival
-            .map(|Arrival { after_ns, by_ns }| Arrival { after_ns: earlier(after_ns), by_ns: earlier(by_ns) });
+        let arrival = arrived.arrival.map(|FrameArrival { after_ns, by_ns }| FrameArrival {
+            after_ns: earlier(after_ns),
+            by_ns: earlier(by_ns),
+        });
         self.last_arrival = arrival;
         let is_same = row.len() == self.last_row.len() && row.iter().zip(&self.last_row).all(|(a, b)| a.is_same(b));
         self.last_row.clear();

@@ -6,11 +6,11 @@
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use isotherm_acquire::{Description, Settings, Target, run};
+//! use isotherm_acquire::{Description, RunSettings, Target, run};
 //! use std::path::Path;
 //!
 //! let description = Description::from_toml(&std::fs::read_to_string("stim300.toml")?)?;
-//! let settings = Settings {
+//! let settings = RunSettings {
 //!     target: Target::Rows(Some(5)),
 //!     record: None,
 //!     sysfs: Path::new("/").to_owned(),
@@ -55,13 +55,13 @@ mod tests;
 mod timeline;
 
 pub use description::Description;
-pub use frames::{Arrival, DecodedFrame, MAX_FRAME};
+pub use frames::{DecodedFrame, FrameArrival, MAX_FRAME};
 pub use link::LinkCounts;
 pub use number::Value;
 pub use offline::samples_of;
 pub use port::serial_ports;
 pub use profiles::{PROFILES, ProbeResult, probe};
-pub use recorder::Recording;
-pub use run::{Settings, Target, run};
+pub use recorder::RecordingTarget;
+pub use run::{RunSettings, Target, run};
 pub use stream::StreamDecoder;
 pub use tally::{Cause, SkippedBytes, Tally};

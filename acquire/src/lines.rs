@@ -1,6 +1,6 @@
 //! Rows of text in a stream of bytes: what sketches and loggers print.
 
-use crate::frames::{Arrival, DecodedFrame, MAX_FRAME};
+use crate::frames::{DecodedFrame, FrameArrival, MAX_FRAME};
 use crate::number::Value;
 use crate::tally::{Cause, SkippedBytes};
 
@@ -47,7 +47,7 @@ impl LineDecoder {
     }
 
     /// Takes the next bytes of the stream, and gives each line that is complete to `sink`.
-    pub(crate) fn push(&mut self, mut bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
+    pub(crate) fn push(&mut self, mut bytes: &[u8], arrival: FrameArrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         while let Some(end) = memchr::memchr(b'\n', bytes) {
             let (line, rest) = bytes.split_at(end);
             self.add(line);
@@ -79,7 +79,7 @@ impl LineDecoder {
         }
     }
 
-    fn complete(&mut self, arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
+    fn complete(&mut self, arrival: FrameArrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         let bytes = self.text.len() as u64 + self.too_long + 1;
         let read = match self.too_long {
             0 => self.line.read(&self.text, &mut self.row),
@@ -165,7 +165,7 @@ mod tests {
         let (mut rows, mut damaged) = (Vec::new(), 0);
         let mut decoder = LineDecoder::new(line.clone());
         for piece in text.chunks(piece) {
-            decoder.push(piece, Arrival::default(), &mut |found| {
+            decoder.push(piece, FrameArrival::default(), &mut |found| {
                 damaged += found.damaged;
                 rows.push(found.row.iter().map(|value| value.number).collect());
             });
@@ -205,10 +205,10 @@ mod tests {
         let mut decoder = LineDecoder::new(line);
         let mut found = 0;
         for _ in 0..1000 {
-            decoder.push(&[b'1'; 1000], Arrival::default(), &mut |_| found += 1);
+            decoder.push(&[b'1'; 1000], FrameArrival::default(), &mut |_| found += 1);
             assert!(decoder.text.capacity() <= MAX_FRAME);
         }
-        decoder.push(b"\n5\n", Arrival::default(), &mut |_| found += 1);
+        decoder.push(b"\n5\n", FrameArrival::default(), &mut |_| found += 1);
         assert_eq!((found, decoder.skipped().length), (1, 1_000_001));
     }
 }

@@ -1,7 +1,7 @@
 //! Samples of a stream that is there already.
 
 use crate::description::Description;
-use crate::frames::{Arrival, DecodedFrame};
+use crate::frames::{DecodedFrame, FrameArrival};
 use crate::intake::{Intake, RowArrival};
 use crate::stream::StreamDecoder;
 use crate::tally::Tally;
@@ -15,7 +15,7 @@ use isotherm_client::RawSample;
 /// rise.
 pub fn samples_of<'a>(
     description: &Description,
-    pieces: impl IntoIterator<Item = (&'a [u8], Option<Arrival>)>,
+    pieces: impl IntoIterator<Item = (&'a [u8], Option<FrameArrival>)>,
     sink: &mut impl FnMut(&RawSample, u64),
 ) -> Option<Tally> {
     let mut decoder = StreamDecoder::new(description)?;

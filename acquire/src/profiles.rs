@@ -1,7 +1,7 @@
 //! The profiles that come with the program, and which of them decodes a stream.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, DecodedFrame};
+use crate::frames::{DecodedFrame, FrameArrival};
 use crate::port::{PortRead, open_port, refused};
 use crate::stream::StreamDecoder;
 use isotherm_client::monotonic_ns;
@@ -139,7 +139,9 @@ fn listen(port: &Port, baud: u32, end: &AtomicBool) -> Result<Vec<ProbeResult>, 
         let now = monotonic_ns();
         for one in &mut all {
             let (frames, first_ns, last_ns) = (&mut one.frames, &mut one.first_ns, &mut one.last_ns);
-            one.decoder.push(&buffer[..count], Arrival { after_ns: now, by_ns: now }, &mut |_: DecodedFrame<'_>| {
+            one.decoder.push(&buffer[..count], FrameArrival { after_ns: now, by_ns: now }, &mut |_: DecodedFrame<
+                '_,
+            >| {
                 *first_ns = if *frames == 0 { now } else { *first_ns };
                 (*frames, *last_ns) = (*frames + 1, now);
             });

@@ -24,7 +24,7 @@ const PAUSE: Duration = Duration::from_millis(20);
 
 /// Where samples are recorded.
 #[derive(Clone, Debug)]
-pub struct Recording {
+pub struct RecordingTarget {
     /// The file; its ending names its format.
     pub path: PathBuf,
     /// When the next file begins, and what stays of the disk.
@@ -51,7 +51,7 @@ struct WriterState {
 
 impl Recorder {
     /// Whether there is a file with rows already where the first one would be.
-    pub(crate) fn is_there(recording: &Recording) -> bool {
+    pub(crate) fn is_there(recording: &RecordingTarget) -> bool {
         !recording.rotation.is_enabled() && !is_vacant(&Disk, &recording.path)
     }
 
@@ -59,7 +59,7 @@ impl Recorder {
     ///
     /// # Errors
     /// If there is such a file with rows, or the ending names no format.
-    pub(crate) fn check(recording: &Recording) -> Result<Format, Failure> {
+    pub(crate) fn check(recording: &RecordingTarget) -> Result<Format, Failure> {
         let path = &recording.path;
         let name = || format!("{}: name the recording .csv, .parquet or .mcap", shown(path));
         let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
@@ -73,7 +73,7 @@ impl Recorder {
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    pub(crate) fn create(recording: &Recording, imu: &ImuId) -> Result<Self, Failure> {
+    pub(crate) fn create(recording: &RecordingTarget, imu: &ImuId) -> Result<Self, Failure> {
         let format = Self::check(recording)?;
         let (recording, imu) = (recording.clone(), imu.clone());
         let (sender, receiver) = sync_channel(QUEUE);
@@ -140,7 +140,7 @@ impl Recorder {
 
 /// The recorder's thread.
 struct RecordingWriter {
-    recording: Recording,
+    recording: RecordingTarget,
     format: Format,
     imu: ImuId,
     /// `None` while the disk has no room to create the first.
@@ -153,7 +153,7 @@ struct RecordingWriter {
 impl RecordingWriter {
     /// Creates the files. A full disk is told of the first time, and waited for.
     fn open(&mut self, is_first: bool) -> Result<(), FileError> {
-        let Recording { path, rotation } = &self.recording;
+        let RecordingTarget { path, rotation } = &self.recording;
         let imus = [self.imu.clone()];
         let told = |message| tell("isotherm", message);
         match Files::create(&Disk, path, self.format, *rotation, &imus, &[(0, StreamKind::Raw)]) {

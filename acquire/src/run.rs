@@ -7,7 +7,7 @@ use crate::note::AcquisitionNote;
 use crate::note_writer::NoteWriter;
 use crate::notice::Notice;
 use crate::rate::Rate;
-use crate::recorder::{Recorder, Recording};
+use crate::recorder::{Recorder, RecordingTarget};
 use crate::sink::{PrintedRows, Sink};
 use crate::source::{Source, SourceState};
 use crate::tally::Tally;
@@ -50,11 +50,11 @@ pub enum Target {
 }
 
 /// How an acquisition runs.
-pub struct Settings {
+pub struct RunSettings {
     /// Where samples go.
     pub target: Target,
     /// Where all samples are recorded.
-    pub record: Option<Recording>,
+    pub record: Option<RecordingTarget>,
     /// Root of `/sys` and `/dev` for IIO: `/`, or a tree for tests.
     pub sysfs: PathBuf,
     /// Set to end the acquisition.
@@ -70,7 +70,7 @@ pub struct Settings {
 /// # Errors
 /// If the source cannot be opened or is not as described, or the service cannot be reached by waiting. The tally is
 /// told before.
-pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failure> {
+pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Failure> {
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
     let imu = description.imu.clone();
     // What a file has is of no time, and no successor goes on with it.
@@ -127,7 +127,7 @@ pub fn run(description: &Description, settings: Settings) -> Result<Tally, Failu
 
 struct AcquisitionLoop<'a> {
     description: &'a Description,
-    settings: Settings,
+    settings: RunSettings,
     source: Source,
     intake: Intake,
     sink: Sink,

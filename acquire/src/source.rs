@@ -1,7 +1,7 @@
 //! The source of rows: bytes through a decoder, or the buffers of IIO.
 
 use crate::description::{Description, Kind, Port};
-use crate::frames::{Arrival, DecodedFrame};
+use crate::frames::{DecodedFrame, FrameArrival};
 use crate::identity::Recognition;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Intake, RowArrival};
@@ -298,8 +298,8 @@ impl Bytes {
             let begin = self.recognition.hear(heard, &mut intake.tally, &mut |bytes| open.write(bytes))?;
             intake.tally.bytes += (count - begin) as u64;
             let arrival = match open.received_ns() {
-                Some(at) => Arrival { after_ns: at, by_ns: at },
-                None => Arrival { after_ns: self.empty_ns, by_ns: monotonic_ns() },
+                Some(at) => FrameArrival { after_ns: at, by_ns: at },
+                None => FrameArrival { after_ns: self.empty_ns, by_ns: monotonic_ns() },
             };
             let (mut frames, mut refused) = (0, Ok(()));
             let of_other = intake.tally.other_device;
@@ -395,7 +395,7 @@ impl Scans {
                 }
             }
             let stamp = scan.timestamp_ns.filter(|_| is_monotonic).map(i64::cast_unsigned);
-            let arrival = Some(Arrival { after_ns: empty_ns, by_ns: now });
+            let arrival = Some(FrameArrival { after_ns: empty_ns, by_ns: now });
             intake.take(row, RowArrival { arrival, stamp, ..RowArrival::default() }, sink);
         });
         self.empty_ns = now;

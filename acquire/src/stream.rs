@@ -1,7 +1,7 @@
 //! A stream of bytes, decoded as a description says.
 
 use crate::description::{Description, Kind};
-use crate::frames::{Arrival, DecodedFrame, Decoder};
+use crate::frames::{DecodedFrame, Decoder, FrameArrival};
 use crate::lines::LineDecoder;
 use crate::tally::SkippedBytes;
 
@@ -9,12 +9,12 @@ use crate::tally::SkippedBytes;
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// use isotherm_acquire::{Arrival, Description, StreamDecoder};
+/// use isotherm_acquire::{FrameArrival, Description, StreamDecoder};
 ///
 /// let description = Description::from_toml(include_str!("../../examples/acquire/arduino-mpu6050.toml"))?;
 /// let mut decoder = StreamDecoder::new(&description).ok_or("IIO has no stream")?;
 /// let mut rows = 0;
-/// decoder.push(b"$IMU,1,5000,1,2,8192,24.5,3,4,5*67\n$IMU,2,10", Arrival::default(), &mut |_| rows += 1);
+/// decoder.push(b"$IMU,1,5000,1,2,8192,24.5,3,4,5*67\n$IMU,2,10", FrameArrival::default(), &mut |_| rows += 1);
 /// decoder.end();
 /// assert_eq!((rows, decoder.skipped().cut), (1, 9));
 /// # Ok(())
@@ -40,7 +40,7 @@ impl StreamDecoder {
 
     /// Takes the next bytes of the stream, in pieces of any length, and gives each frame that is complete to `sink`.
     /// Allocates nothing.
-    pub fn push(&mut self, bytes: &[u8], arrival: Arrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
+    pub fn push(&mut self, bytes: &[u8], arrival: FrameArrival, sink: &mut impl FnMut(DecodedFrame<'_>)) {
         match &mut self.0 {
             Form::Frames(decoder) => decoder.push(bytes, arrival, sink),
             Form::Lines(decoder) => decoder.push(bytes, arrival, sink),

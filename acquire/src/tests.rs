@@ -15,7 +15,7 @@ use crate::intake::{Intake, RowArrival};
 use crate::profiles::PROFILES;
 use crate::stream::StreamDecoder;
 use crate::tally::SkippedBytes;
-use crate::{Arrival, Value};
+use crate::{FrameArrival, Value};
 use isotherm_client::RawSample;
 
 /// A shipped profile.
@@ -37,7 +37,7 @@ fn decode(description: &Description, bytes: &[u8], pieces: &[usize]) -> (Vec<Vec
     let (mut rows, mut damaged, mut rest) = (Vec::new(), 0, bytes);
     for piece in pieces.iter().cycle() {
         let (now, later) = rest.split_at((*piece).clamp(1, rest.len().max(1)).min(rest.len()));
-        decoder.push(now, Arrival::default(), &mut |found| {
+        decoder.push(now, FrameArrival::default(), &mut |found| {
             damaged += found.damaged;
             rows.push(found.row.to_vec());
         });

@@ -37,7 +37,7 @@ mod settle;
 pub(crate) use line::RATE_LIMIT;
 pub(crate) use number::{Counter, DeviceClock, FrameObservation};
 
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 use line::Line;
 use measured::RateMeasurement;
 use number::{FrameNumbering, Numbers};
@@ -199,12 +199,12 @@ impl<T> Timeline<T> {
     /// How much the measured interval is over the one that is taken, relative, and over how long that was measured
     /// \[s\]. `None` for a source without arrivals.
     #[must_use]
-    pub(crate) fn deviation(&self, arrival: Option<Arrival>) -> Option<(f64, f64)> {
+    pub(crate) fn deviation(&self, arrival: Option<FrameArrival>) -> Option<(f64, f64)> {
         self.measured?.deviation(self.numbering.interval, arrival?.by_ns)
     }
 
     /// Measures the rate from this arrival on.
-    pub(crate) fn measure_anew(&mut self, arrival: Option<Arrival>) {
+    pub(crate) fn measure_anew(&mut self, arrival: Option<FrameArrival>) {
         self.measured = arrival.map(|arrival| RateMeasurement::after(arrival.by_ns));
     }
 

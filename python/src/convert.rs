@@ -7,7 +7,7 @@ use crate::records::{Fields, INCREMENT, RAW, Values, array, raw_bytes};
 use crate::table::Table;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings, TimeSource};
-use isotherm_recording_formats::read::{Moment, Part};
+use isotherm_recording_formats::read::{Part, RecordingTime};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::wire::StreamSample;
 use isotherm_support::failure::{Exit, Failure};
@@ -34,7 +34,8 @@ pub(crate) type PartOptions = (Option<String>, Option<String>);
 /// `ValueError`.
 pub(crate) fn part_of((start, end): PartOptions) -> PyResult<Part> {
     let moment = |name: &str, text: Option<String>| {
-        let parsed = text.map(|text| text.parse::<Moment>().map_err(|message| format!("{name} is {text}: {message}")));
+        let parsed =
+            text.map(|text| text.parse::<RecordingTime>().map_err(|message| format!("{name} is {text}: {message}")));
         parsed.transpose().map_err(PyValueError::new_err)
     };
     let part = Part::new(moment("start", start)?, moment("end", end)?);

@@ -3,7 +3,7 @@
 use crate::connection::imu_id;
 use crate::errors::{TableError, faults};
 use crate::table::Table;
-use isotherm_autopilot::{Autopilot, Effect, ExportError, ExportOptions, ImportError, ImportOptions, Loss};
+use isotherm_autopilot::{Autopilot, Effect, EffectLoss, ExportError, ExportOptions, ImportError, ImportOptions};
 use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
 use pyo3::exceptions::PyValueError;
@@ -130,7 +130,7 @@ impl Exported {
     /// Name, sensors, m/s2 and rad/s of each effect that was left out.
     #[getter]
     fn lost(&self) -> Vec<Lost> {
-        let loss = |loss: &Loss| (loss.effect.name(), loss.sensors.clone(), loss.accelerometers, loss.gyroscopes);
+        let loss = |loss: &EffectLoss| (loss.effect.name(), loss.sensors.clone(), loss.accelerometers, loss.gyroscopes);
         self.0.lost.iter().map(loss).collect()
     }
 

@@ -1,5 +1,5 @@
 //! What data of other programs give: the rows of a log or a text, in pulses, and what is known of them. Readers of a
-//! format implement [`RowSource`]; `isotherm-recording-formats` makes samples of their rows.
+//! format implement [`ForeignRows`]; `isotherm-recording-formats` makes samples of their rows.
 
 mod vehicle;
 
@@ -73,7 +73,7 @@ pub enum Counter {
     Day,
 }
 
-/// A row of a [`RowSource`].
+/// A row of a [`ForeignRows`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ForeignRow {
     /// Line of a text, number of a message, byte of a binary log.
@@ -97,7 +97,7 @@ pub struct ForeignRow {
 }
 
 /// What the foreign formats have in common.
-pub trait RowSource {
+pub trait ForeignRows {
     /// The next row.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! Removing what a domain leaves behind: a few small files that the transport keeps for its next start.
 
-use isotherm_client::transport::nodes::{Member, member_of};
+use isotherm_client::transport::nodes::{DomainMember, member_of};
 use isotherm_client::transport::stream::configuration;
 use isotherm_client::{Domain, check_domain, own_files, pid_of, sweep_half_created};
 use isotherm_support::failure::{Exit, Failure};
@@ -70,11 +70,11 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
     let member = if folder.is_dir() { member_of(domain) } else { Ok(None) };
     let failed = |error: String| format!("listing the processes of domain {:?}: {error}", domain.name());
     let user = member.map_err(|error| Failure::new(Exit::Failed, failed(error)))?.map(|member| match member {
-        Member::Node(id) => match pid_of(domain, id) {
+        DomainMember::Node(id) => match pid_of(domain, id) {
             Some(pid) => format!("pid {pid}"),
             None => "a process of another pid namespace".to_owned(),
         },
-        Member::Unknown => "a process that cannot be identified".to_owned(),
+        DomainMember::Unknown => "a process that cannot be identified".to_owned(),
     });
     let needle = format!("/dev/shm/{}", domain.prefix());
     let mapped = || {

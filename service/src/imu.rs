@@ -10,7 +10,7 @@ use crate::leftovers::{Port, ports_of, ports_of_event};
 use crate::session::SessionNote;
 use crate::windows::LatencyWindows;
 use crate::worker::channel::ChannelLink;
-use crate::worker::counters::{CounterReader, OtherDevice, counters};
+use crate::worker::counters::{CounterReader, DeviceMismatch, counters};
 use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -241,7 +241,7 @@ struct LoggedLosses {
 struct LoggedDevice {
     samples: u64,
     table: u64,
-    last: Option<(u64, OtherDevice)>,
+    last: Option<(u64, DeviceMismatch)>,
 }
 
 impl TableQueue {

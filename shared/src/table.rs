@@ -11,7 +11,9 @@ mod toml;
 mod turntable;
 
 pub use checks::{GRAVITY_RANGE, LAG_RANGE, MAX_G_SENSITIVITY, NOMINAL_INTERVAL_RANGE};
-pub use content::{AXIS_NAMES, Axis, Content, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange, Refusal};
+pub use content::{
+    AXIS_NAMES, Axis, Content, ContentFault, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
+};
 pub use digest::Digest;
 pub use model::CoefficientTable;
 pub use nominal::{Nominal, Refusals, STANDARD_GRAVITY, nominal_content, nominal_table};

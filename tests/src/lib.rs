@@ -475,6 +475,11 @@ pub enum Needs {
     Machine,
 }
 
+/// Whether all is tried of which the usual run tries a share: `ISOTHERM_NIGHTLY` is set, as `.ci/nightly` does.
+pub fn is_nightly() -> bool {
+    env::var_os("ISOTHERM_NIGHTLY").is_some()
+}
+
 /// Reports that the running test, or a part of it, is skipped, and why. The caller then returns.
 ///
 /// With `ISOTHERM_TESTS_STRICT=1`, as in CI, a missing program fails the test. What the machine lacks is added to the

@@ -3,7 +3,7 @@
 use super::profile;
 use crate::Value;
 use crate::description::Description;
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 use crate::intake::{Intake, RowArrival};
 use crate::profiles::PROFILES;
 use isotherm_client::RawSample;
@@ -46,7 +46,7 @@ fn with_messages() -> Description {
 /// A frame of a device that sends 100 Hz, and was on for this time \[s\].
 fn take(intake: &mut Intake, seconds: f64, numbers: &[(&str, f64)]) -> Option<(u64, u64)> {
     let by_ns = 1_000_000_000 + (seconds * 1e9) as u64;
-    let arrival = Some(Arrival { after_ns: by_ns, by_ns });
+    let arrival = Some(FrameArrival { after_ns: by_ns, by_ns });
     let own = [("counter", (seconds * 100.0).round() % 256.0), ("status", 0.0)];
     let row = row(&with_messages(), &[numbers, &own].concat());
     let mut taken = None;

@@ -1,13 +1,13 @@
 //! Periods and times of frames.
 
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 use crate::timeline::{Counter, DeviceClock, FrameObservation, FramePlace, FramePlacement, Timeline};
 
 const INTERVAL: u64 = 500_000;
 const EIGHT_BITS: Counter = Counter { bits: 8, step: 1 };
 
-fn at(ns: u64) -> Option<Arrival> {
-    Some(Arrival { after_ns: ns, by_ns: ns })
+fn at(ns: u64) -> Option<FrameArrival> {
+    Some(FrameArrival { after_ns: ns, by_ns: ns })
 }
 
 /// A device at 2 kHz whose frames arrive up to 1 ms late, as USB bursts them.
@@ -17,7 +17,7 @@ fn late(frame: u64) -> u64 {
 }
 
 /// A frame of a device with a counter of 8 bits.
-fn counted(frame: u64, arrival: Option<Arrival>) -> FrameObservation {
+fn counted(frame: u64, arrival: Option<FrameArrival>) -> FrameObservation {
     FrameObservation { arrival, counter: Some(frame % 256), ..FrameObservation::default() }
 }
 
@@ -97,7 +97,7 @@ fn frames_that_had_waited_at_the_beginning_have_their_times() {
         let begin = late(2000);
         let frames = (0..6000).map(|frame| {
             let (after_ns, by_ns) = if frame < 2000 { (late(0), begin) } else { (late(frame), late(frame)) };
-            let arrival = Some(Arrival { after_ns, by_ns });
+            let arrival = Some(FrameArrival { after_ns, by_ns });
             FrameObservation { clock_ns: Some(frame * INTERVAL), ..counted(frame, arrival) }
         });
         let placed = place(&mut timeline, frames);

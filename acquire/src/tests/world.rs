@@ -1,6 +1,6 @@
 //! Devices, transports and outages on a virtual clock: where frames are placed, against what is true.
 
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 use crate::timeline::{Counter, DeviceClock, FrameObservation, FramePlace, FramePlacement, Timeline};
 
 /// A generator of numbers that seem random: the same for the same seed.
@@ -191,7 +191,7 @@ impl World {
     }
 
     /// The frames as the reader sees them.
-    fn read(&self, random: &mut Random, frames: Vec<Frame>, before_ns: f64) -> Vec<(Frame, Arrival)> {
+    fn read(&self, random: &mut Random, frames: Vec<Frame>, before_ns: f64) -> Vec<(Frame, FrameArrival)> {
         let begin = frames[0].time;
         let at = begin + before_ns;
         let (mut arrived, mut latest) = (Vec::new(), 0.0f64);
@@ -232,7 +232,10 @@ impl World {
             while let Some((frame, _)) = arrived.get(index).filter(|(_, arrival)| *arrival <= now) {
                 if held < room {
                     let damaged = u64::from(std::mem::take(&mut is_first_lost) && random.next().is_multiple_of(2));
-                    read.push((Frame { damaged, ..*frame }, Arrival { after_ns: empty as u64, by_ns: now as u64 }));
+                    read.push((
+                        Frame { damaged, ..*frame },
+                        FrameArrival { after_ns: empty as u64, by_ns: now as u64 },
+                    ));
                 } else {
                     is_first_lost = true;
                 }
@@ -244,7 +247,7 @@ impl World {
         read
     }
 
-    fn place(&self, read: &[(Frame, Arrival)]) -> Vec<Result> {
+    fn place(&self, read: &[(Frame, FrameArrival)]) -> Vec<Result> {
         let counter = match self.numbers {
             Numbers::CountsTime(bits, step) => Some(Counter { bits, step }),
             Numbers::CountsFrames(bits) => Some(Counter { bits, step: 1 }),

@@ -4,7 +4,7 @@ use super::line::{HELD_BACK_NS, Line};
 use super::number::{FrameStep, Numbers};
 use super::pace::{FRAMES, Pace, WINDOW_NS};
 use super::{Doubt, FrameObservation, LastFrame, Timeline};
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 
 /// Time that a counter may seem to run ahead of the clock \[s\].
 const AHEAD_S: f64 = 0.5;
@@ -35,7 +35,7 @@ impl<T> Timeline<T> {
     /// Why a frame has to wait, if it does.
     pub(super) fn doubt_of(&self, front: &FrameObservation) -> Option<Doubt> {
         let Some(last) = self.last else { return Some(Doubt::Beginning) };
-        let Arrival { after_ns, by_ns } = front.arrival.unwrap_or_default();
+        let FrameArrival { after_ns, by_ns } = front.arrival.unwrap_or_default();
         let (line, interval) = (&last.line, self.numbering.interval);
         let (real, least, is_whole) = match self.step_from(&last.numbers, last.by_ns, front) {
             FrameStep::Restarted => return Some(Doubt::Beginning),
@@ -250,7 +250,7 @@ impl<T> Timeline<T> {
         steps: &'a [(FrameStep, u64)],
     ) -> impl Iterator<Item = (f64, f64)> + 'a {
         self.waiting.iter().zip(steps).map(|((observed, _), (_, place))| {
-            let Arrival { after_ns, by_ns } = observed.arrival.unwrap_or_default();
+            let FrameArrival { after_ns, by_ns } = observed.arrival.unwrap_or_default();
             (line.late(by_ns, *place as f64), by_ns.saturating_sub(after_ns) as f64)
         })
     }

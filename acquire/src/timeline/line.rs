@@ -1,6 +1,6 @@
 //! The line of time through the arrivals of frames.
 
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 
 /// By how much the rate of the line may differ from the interval.
 pub(crate) const RATE_LIMIT: f64 = 0.05;
@@ -81,7 +81,7 @@ impl Line {
     }
 
     /// Moves the line to the arrival of the frame at which it is, which came so many periods after the one before.
-    pub(super) fn follow(&mut self, interval: f64, periods: u64, arrival: Arrival) {
+    pub(super) fn follow(&mut self, interval: f64, periods: u64, arrival: FrameArrival) {
         let (frequency, damping) = LOOP;
         let periods = periods as f64;
         let largest = LARGEST_ERROR_NS + 2.0 * interval;

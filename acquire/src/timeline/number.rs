@@ -1,6 +1,6 @@
 //! What counter and clock of a device say about the step from one frame to the next.
 
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 
 /// The device's counter.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -23,7 +23,7 @@ pub(crate) struct DeviceClock {
 pub(crate) struct FrameObservation {
     /// When it was sampled, if bytes were never late: its arrival less all known delays; `None` if its bytes do not
     /// come at their time, as from a file.
-    pub(crate) arrival: Option<Arrival>,
+    pub(crate) arrival: Option<FrameArrival>,
     /// The counter.
     pub(crate) counter: Option<u64>,
     /// The device's clock \[ns\].

@@ -5,7 +5,7 @@ use super::line::Line;
 use super::number::{FrameStep, Numbers};
 use super::pace::Pace;
 use super::{Doubt, FrameObservation, FramePlace, LastFrame, Timeline};
-use crate::frames::Arrival;
+use crate::frames::FrameArrival;
 
 /// Time by which a counter that went on may be off after a silence \[ns\], and the part of the silence \[1\]. Beyond it
 /// the device has started again.
@@ -54,7 +54,7 @@ impl<T> Timeline<T> {
     fn begin(&mut self) {
         let Some((first, _)) = self.waiting.front() else { return };
         let (first, interval) = (*first, self.numbering.interval);
-        let Arrival { by_ns, .. } = first.arrival.unwrap_or_default();
+        let FrameArrival { by_ns, .. } = first.arrival.unwrap_or_default();
         let numbers = Numbers::of(&first);
         let seed = LastFrame { line: Line::new(by_ns, by_ns, interval, [0.0, 1.0]), numbers, clock_stamp_ns: 0, by_ns };
         // The first one itself is a repeat of what the steps begin with.

@@ -23,7 +23,7 @@ mod trend;
 
 pub use alignment::AlignmentComparison;
 pub use curves::CurveComparison;
-pub use requirement::{ComparisonRequirement, Verdict};
+pub use requirement::{ComparisonRequirement, Compliance};
 pub use table::Convention;
 pub use trend::{Trend, YEAR_S};
 
@@ -279,11 +279,11 @@ fn findings(tables: &[TableFile], curves: &[CurveComparison], alignments: &[Alig
 
 /// A bound, judged.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
+pub struct CurveJudgement {
     /// Curve or triad.
     pub name: String,
     /// Whether its difference is within the bound.
-    pub verdict: Verdict,
+    pub verdict: Compliance,
     /// The judgement in words, with values and bound.
     pub message: String,
     /// What to do, unless it is within.
@@ -331,14 +331,14 @@ impl Comparison {
 
     /// Judges every bound that is given.
     #[must_use]
-    pub fn judge(&self, required: &ComparisonRequirement) -> Vec<Judgement> {
+    pub fn judge(&self, required: &ComparisonRequirement) -> Vec<CurveJudgement> {
         let imu = |table: &TableFile| table.table.content().imu.clone();
         let beyond = match imu(self.old_table()) == imu(self.new_table()) {
             true => "install the new table, and look for the cause",
             false => "these are different IMUs; give each a table of its own",
         };
         let judgement =
-            |name: String, ends: [Option<f64>; 2], largest: f64, verdict: Verdict, bound: f64, unit: &str| {
+            |name: String, ends: [Option<f64>; 2], largest: f64, verdict: Compliance, bound: f64, unit: &str| {
                 let places = if unit == "deg/h" { 5 } else { 3 };
                 let difference = match ends {
                     [Some(lower), Some(upper)] => {
@@ -348,11 +348,11 @@ impl Comparison {
                 };
                 let message = format!("{name}: {difference}, at most {bound:.places$} {unit} is required: {verdict}");
                 let remedy = match verdict {
-                    Verdict::Within => None,
-                    Verdict::Undecided => Some("a longer campaign has smaller errors"),
-                    Verdict::Beyond => Some(beyond),
+                    Compliance::Within => None,
+                    Compliance::Undecided => Some("a longer campaign has smaller errors"),
+                    Compliance::Beyond => Some(beyond),
                 };
-                Judgement { name, verdict, message, remedy }
+                CurveJudgement { name, verdict, message, remedy }
             };
         let mut found = Vec::new();
         for curve in &self.curves {
@@ -369,17 +369,17 @@ impl Comparison {
             }));
         }
         if required.rate.is_some() && !self.curves.iter().any(|curve| curve.unit == "deg/h") {
-            let (name, verdict) = ("rate".to_owned(), Verdict::Undecided);
+            let (name, verdict) = ("rate".to_owned(), Compliance::Undecided);
             let message = "rate: not judged, the tables do not all have gyroscopes".to_owned();
             let remedy = Some("leave rate out, or give tables with gyroscopes alone");
-            found.push(Judgement { name, verdict, message, remedy });
+            found.push(CurveJudgement { name, verdict, message, remedy });
         }
         found
     }
 
     /// The worst verdict; `None` if nothing is required.
     #[must_use]
-    pub fn verdict(&self, required: &ComparisonRequirement) -> Option<Verdict> {
+    pub fn verdict(&self, required: &ComparisonRequirement) -> Option<Compliance> {
         self.judge(required).into_iter().map(|judgement| judgement.verdict).max()
     }
 
@@ -389,7 +389,7 @@ impl Comparison {
     /// The judgements that are not, each with its remedy below it; those with the same one are together.
     pub fn check(&self, required: &ComparisonRequirement) -> Result<(), String> {
         let judgements = self.judge(required);
-        let missed: Vec<_> = judgements.iter().filter(|judgement| judgement.verdict != Verdict::Within).collect();
+        let missed: Vec<_> = judgements.iter().filter(|judgement| judgement.verdict != Compliance::Within).collect();
         if missed.is_empty() {
             return Ok(());
         }

@@ -32,6 +32,6 @@ pub use batch::{
     Batch, BatchCurve, Family, Quantity, StandOut, batch, least_found, leave_one_out, limit, same_rows, stand_outs,
 };
 pub use compare::{
-    AlignmentComparison, Comparison, ComparisonRequirement, Convention, CurveComparison, Judgement, NOT_IN_THE_ERRORS,
-    Trend, Verdict, YEAR_S, compare,
+    AlignmentComparison, Comparison, ComparisonRequirement, Compliance, Convention, CurveComparison, CurveJudgement,
+    NOT_IN_THE_ERRORS, Trend, YEAR_S, compare,
 };

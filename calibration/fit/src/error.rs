@@ -4,7 +4,7 @@ use crate::diagnosis::Diagnosis;
 use crate::joint::OneStageError;
 use crate::transients::TransientsError;
 use crate::tumble::error::TumbleError;
-use isotherm_shared::table::Refusal;
+use isotherm_shared::table::ContentFault;
 use isotherm_statistics::RegressionError;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, Severity, name};
@@ -68,7 +68,7 @@ pub enum CalibrationError {
     Tumble(#[from] TumbleError),
     /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Table(Vec<Refusal>),
+    Table(Vec<ContentFault>),
 }
 
 impl CalibrationError {

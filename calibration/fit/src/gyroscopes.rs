@@ -26,7 +26,7 @@ mod set_points;
 pub(crate) mod solution;
 
 pub use result::{GyroscopeCalibration, is_alignment_needed};
-pub use runs::{FittedRun, Measurements, Place, read_measurements};
+pub use runs::{FittedRun, Measurements, RunPlace, read_measurements};
 
 use crate::admit::add_findings;
 use crate::alignment::{AlignmentChoice, is_needed as accelerometers_need_alignment};

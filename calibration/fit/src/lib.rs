@@ -60,7 +60,7 @@ pub use error::CalibrationError;
 pub use gyroscopes::observability::TriadObservability;
 pub use gyroscopes::runs::implausible;
 pub use gyroscopes::solution::GyroscopeSolution;
-pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, Place, is_alignment_needed, read_measurements};
+pub use gyroscopes::{FittedRun, GyroscopeCalibration, Measurements, RunPlace, is_alignment_needed, read_measurements};
 pub use joint::OneStageError;
 pub use noise::noise_of_dwells;
 pub use one_stage::solve;

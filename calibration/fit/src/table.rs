@@ -2,7 +2,7 @@
 
 use isotherm_campaign::Campaign;
 use isotherm_shared::polynomial::{MAX_ORDER, Polynomial};
-use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, GYROSCOPE_NAMES, OutOfRange, Refusal};
+use isotherm_shared::table::{AXIS_NAMES, Axis, CoefficientTable, Content, ContentFault, GYROSCOPE_NAMES, OutOfRange};
 use isotherm_shared::units::{BiasUnit, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, QUANTITIES};
@@ -13,7 +13,7 @@ pub(crate) fn table_of(
     campaign: &Campaign,
     curves: [&[Curve; 3]; AXES],
     alignment: Option<Matrix3<f64>>,
-) -> Result<CoefficientTable, Vec<Refusal>> {
+) -> Result<CoefficientTable, Vec<ContentFault>> {
     CoefficientTable::new(Content {
         format: 1,
         imu: campaign.imu.clone(),
@@ -56,7 +56,7 @@ pub(crate) fn set_bias(axis: &mut Axis, curve: &Polynomial) {
 }
 
 /// Bias, K+ and K- of the gyroscopes as a table has them.
-pub(crate) fn gyroscope_axes(curves: [&[Curve; 3]; AXES]) -> Result<[Axis; AXES], Vec<Refusal>> {
+pub(crate) fn gyroscope_axes(curves: [&[Curve; 3]; AXES]) -> Result<[Axis; AXES], Vec<ContentFault>> {
     axes(curves, BiasUnit::DegreePerHour, 1.0, None)
 }
 
@@ -66,16 +66,16 @@ fn axes(
     unit: BiasUnit,
     factor: f64,
     max_rate: Option<f64>,
-) -> Result<[Axis; AXES], Vec<Refusal>> {
+) -> Result<[Axis; AXES], Vec<ContentFault>> {
     let (kind, names) = match unit {
         BiasUnit::DegreePerHour => ("gyroscope", GYROSCOPE_NAMES),
         _ => ("axis", AXIS_NAMES),
     };
     let refuse = |axis: usize, quantity: usize| {
         let key = format!("{kind}.{}.{}", names[axis], QUANTITIES[quantity]);
-        vec![Refusal { key, message: format!("tables hold orders up to {MAX_ORDER}") }]
+        vec![ContentFault { key, message: format!("tables hold orders up to {MAX_ORDER}") }]
     };
-    let axis = |axis: usize| -> Result<Axis, Vec<Refusal>> {
+    let axis = |axis: usize| -> Result<Axis, Vec<ContentFault>> {
         let polynomial = |q: usize, factor: f64| curves[axis][q].polynomial(factor).ok_or_else(|| refuse(axis, q));
         Ok(Axis {
             bias_unit: unit,

@@ -47,7 +47,7 @@ pub use recording::RampRecording;
 pub use result::BiasTransient;
 pub use result::Condition;
 pub use result::Prediction;
-pub(crate) use result::TimeConstant;
+pub(crate) use result::TimeConstantEstimate;
 pub use result::TransientVerdict;
 pub use result::Transients;
 pub(crate) use steps::clock;
@@ -71,7 +71,7 @@ const CARRIED_G0: f64 = 0.1;
 
 /// One fit of all biases: with a time constant that was searched for, or that is given.
 struct Fit {
-    time_constant: TimeConstant,
+    time_constant: TimeConstantEstimate,
     conditions: Vec<Condition>,
     biases: Vec<BiasTransient>,
     /// Of constant, curve, transient and what is beside them, by bias.
@@ -79,7 +79,7 @@ struct Fit {
     /// Steps, by recording.
     steps: Vec<Vec<Step>>,
     /// What the ramps show, if the time constant is given.
-    searched: Option<TimeConstant>,
+    searched: Option<TimeConstantEstimate>,
 }
 
 impl Fit {
@@ -213,7 +213,7 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
     let kept = predecessor_s.filter(|tau_s| (interval_s[0]..=interval_s[1]).contains(tau_s));
     // Milliseconds: more digits than the data have.
     let value_s = kept.unwrap_or((best.tau_s * 1e3).round() / 1e3);
-    let time_constant = TimeConstant {
+    let time_constant = TimeConstantEstimate {
         value_s,
         interval_s,
         given: false,
@@ -254,7 +254,7 @@ fn given(ramps: &mut Ramps, table: &CoefficientTable, tau_s: f64) -> Result<Fit,
         }
     }
     let conditions = searched.conditions.into_iter().map(|condition| Condition { decides: false, ..condition });
-    let time_constant = TimeConstant {
+    let time_constant = TimeConstantEstimate {
         value_s: tau_s,
         interval_s: [tau_s; 2],
         given: true,

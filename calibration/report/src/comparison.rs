@@ -10,7 +10,7 @@ pub use text::text;
 
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use isotherm_analysis::{Comparison, ComparisonRequirement, CurveComparison, NOT_IN_THE_ERRORS, Trend, Verdict};
+use isotherm_analysis::{Comparison, ComparisonRequirement, Compliance, CurveComparison, NOT_IN_THE_ERRORS, Trend};
 use isotherm_shared::table::AXIS_NAMES;
 
 /// What the page states besides the comparison; only the caller knows it.
@@ -50,9 +50,9 @@ fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
     page.note(kind, "Changes", &comparison.conclusion());
     for judgement in source.required.iter().flat_map(|required| comparison.judge(required)) {
         let (kind, word) = match judgement.verdict {
-            Verdict::Within => (NoteKind::Good, "Requirement met"),
-            Verdict::Undecided => (NoteKind::Warning, "Undecided"),
-            Verdict::Beyond => (NoteKind::Bad, "Requirement missed"),
+            Compliance::Within => (NoteKind::Good, "Requirement met"),
+            Compliance::Undecided => (NoteKind::Warning, "Undecided"),
+            Compliance::Beyond => (NoteKind::Bad, "Requirement missed"),
         };
         page.note(kind, word, &judgement.message);
     }

@@ -37,7 +37,7 @@ pub use largest::{largest, root};
 pub use least_squares::{LeastSquares, MAX_SVD_STEPS, least_squares, pseudo_inverse};
 pub use mean::{mean, rms};
 pub use order::{OrderTable, PureError, QUANTITIES, Rule, choose, default_order};
-pub use regression::{DataPoint, Fit, LinearColumn, MAX_ORDER, Partial, Regression, RegressionError};
+pub use regression::{DataPoint, Fit, LinearColumn, MAX_ORDER, Regression, RegressionError, TermTest};
 pub use student::{student_quantile, student_quantile_of};
 pub use sweep_band::{Disagreement, SweepBand, SweepValues, sweep_band};
 pub use tails::{beta_tail, f_limit, f_tail};

@@ -3,7 +3,7 @@
 mod choice;
 
 use crate::diagnostics::Diagnostics;
-use crate::regression::{DataPoint, Fit, LinearTerm, Partial, Regression, RegressionError};
+use crate::regression::{DataPoint, Fit, LinearTerm, Regression, RegressionError, TermTest};
 use crate::tails::f_limit;
 use choice::Choice;
 pub use choice::{PureError, Rule, choose};
@@ -188,7 +188,7 @@ impl OrderTable {
             );
             for (k, coefficient) in fit.coefficients.iter().enumerate() {
                 let error = fit.standard_errors.as_ref().map(|errors| errors[k]);
-                let none = Partial { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
+                let none = TermTest { term: 0, sum_of_squares: f64::NAN, f: None, p: None };
                 let partial = if k == 0 { &none } else { fit.partial_centred.get(k - 1).unwrap_or(&none) };
                 let sum = (k > 0).then_some(partial.sum_of_squares);
                 let _ = writeln!(

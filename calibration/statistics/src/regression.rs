@@ -43,7 +43,7 @@ mod terms;
 pub use linear::LinearColumn;
 pub(crate) use linear::LinearTerm;
 pub use points::{DataPoint, MAX_ORDER, RegressionError};
-pub use terms::Partial;
+pub use terms::TermTest;
 
 /// The fit of one order. A figure that does not exist, such as F of a perfect fit, is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -79,9 +79,9 @@ pub struct Fit {
     /// Probability of a larger F if no term had an effect.
     pub f_p: Option<f64>,
     /// Tests of the terms 1 to m as powers of the raw x.
-    pub partial: Vec<Partial>,
+    pub partial: Vec<TermTest>,
     /// Tests of the terms 1 to m as powers of the centred and scaled x.
-    pub partial_centred: Vec<Partial>,
+    pub partial_centred: Vec<TermTest>,
     /// The terms of the linear columns.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub linear: Vec<LinearTerm>,

@@ -18,7 +18,7 @@ pub(crate) mod exercised;
 pub(crate) mod gyroscopes;
 
 pub use allowed::GATE_FLOOR;
-pub use allowed::Refusal;
+pub use allowed::GateRefusal;
 pub(crate) use allowed::{GATE_ACCEPTED, GATE_LEFT, GATE_MOST};
 
 use crate::requirement::Requirement;
@@ -153,8 +153,8 @@ impl Gate {
 
     /// Why the table must not be installed, as far as no run is needed to see it.
     #[must_use]
-    pub fn refuses_table(&self, calibration: &Calibration, in_force: Option<&CoefficientTable>) -> Vec<Refusal> {
-        let left = calibration.left_without_alignment().filter(|left| *left > self.left).map(|left| Refusal {
+    pub fn refuses_table(&self, calibration: &Calibration, in_force: Option<&CoefficientTable>) -> Vec<GateRefusal> {
+        let left = calibration.left_without_alignment().filter(|left| *left > self.left).map(|left| GateRefusal {
             by: "no alignment",
             cause: format!(
                 "without an alignment matrix, which this IMU needs: misalignments leave up to {:.2}e-6 g0, at most {:.2}e-6 g0 is required; \
@@ -167,7 +167,7 @@ impl Gate {
         let narrower = in_force.and_then(|old| narrower(&calibration.table, old));
         let lost = in_force.and_then(|old| gyroscopes::lost(&calibration.table, old));
         left.into_iter()
-            .chain(narrower.map(|cause| Refusal { by: "range", cause }))
+            .chain(narrower.map(|cause| GateRefusal { by: "range", cause }))
             .chain(lost)
             .chain(hemisphere)
             .collect()
@@ -176,15 +176,15 @@ impl Gate {
     /// Why the table must not be installed, as a run shows it. `present` is the same run under the table in force, if
     /// that can judge it.
     #[must_use]
-    pub fn refuses_run(&self, stability: &Stability, present: Option<&Stability>) -> Vec<Refusal> {
+    pub fn refuses_run(&self, stability: &Stability, present: Option<&Stability>) -> Vec<GateRefusal> {
         // Without a remedy: not judged, and another judgement says why.
         let missed = self.require.judge(stability).into_iter().filter(|judgement| judgement.remedy.is_some());
-        let missed = missed.map(|judgement| Refusal { by: judgement.bound, cause: judgement.message });
+        let missed = missed.map(|judgement| GateRefusal { by: judgement.bound, cause: judgement.message });
         let of_gyroscopes = |present| gyroscopes::worse(stability, present, self.gyroscopes?.granted);
         let worse = present.and_then(|present| worse(stability, present, self.granted)).into_iter();
         let worse = worse.chain(present.and_then(of_gyroscopes));
         let worse = worse.map(|cause| format!("worse than the table in force: {cause}"));
-        missed.chain(worse.map(|cause| Refusal { by: "table in force", cause })).collect()
+        missed.chain(worse.map(|cause| GateRefusal { by: "table in force", cause })).collect()
     }
 }
 

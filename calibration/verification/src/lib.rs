@@ -36,7 +36,7 @@ pub use attitude::Attitude;
 pub use evidence::{OWN_RECORDING, own_recording};
 pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{ExercisedChannels, undriven};
-pub use gate::{GATE_FLOOR, Gate, Refusal};
+pub use gate::{GATE_FLOOR, Gate, GateRefusal};
 pub use magnitudes::{Magnitude, Magnitudes, MagnitudesError, TableCoverage};
 pub use occupancy::Occupancy;
 pub use requirement::{Judgement, Requirement};

@@ -5,7 +5,7 @@ use crate::parse::seconds;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{
-    Description, PROFILES, ProbeResult, Recording, Settings, Tally, Target, iio, probe, run, serial_ports,
+    Description, PROFILES, ProbeResult, RecordingTarget, RunSettings, Tally, Target, iio, probe, run, serial_ports,
 };
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
@@ -141,8 +141,8 @@ impl Acquire {
             return Err(Failure::new(Exit::Usage, "--rotate-size, --rotate-time and --keep-free are for --record"));
         }
         let Self { record, sysfs, .. } = self;
-        let record = record.map(|path| Recording { path, rotation });
-        run(&description, Settings { target, record, sysfs, end, tell }).map(drop)
+        let record = record.map(|path| RecordingTarget { path, rotation });
+        run(&description, RunSettings { target, record, sysfs, end, tell }).map(drop)
     }
 
     fn list(&self) -> Result<(), Failure> {

@@ -1,7 +1,7 @@
 //! `--from` and `--to` of the commands that read recordings.
 
 use clap::Args;
-use isotherm_recording_formats::read::{Moment, Part};
+use isotherm_recording_formats::read::{Part, RecordingTime};
 use isotherm_support::failure::{Exit, Failure};
 
 /// The part of each recording that is read.
@@ -14,12 +14,12 @@ pub(super) struct PartArgs {
     /// Time stamps are those of the rows, as 12500000000ns, or where the rows count from 1970 or from midnight, as
     /// 2026-05-01T12:34:56Z or 12:34:56. Of several recordings each has a begin of its own; the pieces of one have one
     #[arg(long, value_name = "S|STAMP", allow_negative_numbers = true)]
-    from: Option<Moment>,
+    from: Option<RecordingTime>,
     /// Leave out what is after this time
     ///
     /// Leave out what is after this time, as with --from; what comes later is not read.
     #[arg(long, value_name = "S|STAMP", allow_negative_numbers = true)]
-    to: Option<Moment>,
+    to: Option<RecordingTime>,
 }
 
 impl PartArgs {

@@ -1,7 +1,7 @@
 //! Split bags, and accelerometers and gyroscopes in two topics or two files, by every command that reads them.
 
 use crate::common::{folder, run};
-use isotherm_recording_formats::ros::Imu;
+use isotherm_recording_formats::ros::ImuMessage;
 use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,7 +11,7 @@ use std::path::Path;
 const BEGIN: u64 = 1_700_000_000_000_000_000;
 
 /// Writes a bag of these messages.
-fn bag(path: &Path, messages: &[(&str, Imu)]) {
+fn bag(path: &Path, messages: &[(&str, ImuMessage)]) {
     let mut writer = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
     let mut channels = BTreeMap::new();
     for (topic, imu) in messages {
@@ -41,7 +41,7 @@ fn noise() -> impl FnMut() -> f64 {
 }
 
 /// Messages at a rate \[Hz\], of accelerometers or of gyroscopes.
-fn messages(topic: &'static str, hertz: f64, seconds: f64, is_gyroscope: bool) -> Vec<(&'static str, Imu)> {
+fn messages(topic: &'static str, hertz: f64, seconds: f64, is_gyroscope: bool) -> Vec<(&'static str, ImuMessage)> {
     let mut noise = noise();
     let row = |row: u64| {
         let mut three = |mean: [f64; 3], deviation: f64| mean.map(|mean| mean + deviation * noise());
@@ -49,7 +49,7 @@ fn messages(topic: &'static str, hertz: f64, seconds: f64, is_gyroscope: bool) -
             true => [[0.0; 3], three([0.001_3, -0.002_1, 0.003_7], 1.1e-3)],
             false => [three([0.13, 9.79, 0.31], 0.012), [0.0; 3]],
         };
-        let imu = Imu {
+        let imu = ImuMessage {
             stamp_ns: BEGIN + ((row as f64 + 0.2) * 1e9 / hertz) as u64,
             frame_id: "imu".to_owned(),
             angular_velocity: Some(rate),
@@ -130,8 +130,9 @@ fn a_split_bag_is_one_recording_for_every_command() {
         }
     }
     // A piece that does not go on has no place in one file.
-    let later =
-        all[..800].iter().map(|(topic, imu)| (*topic, Imu { stamp_ns: imu.stamp_ns + 100_000_000_000, ..imu.clone() }));
+    let later = all[..800]
+        .iter()
+        .map(|(topic, imu)| (*topic, ImuMessage { stamp_ns: imu.stamp_ns + 100_000_000_000, ..imu.clone() }));
     bag(&folder.join("later.mcap"), &later.collect::<Vec<_>>());
     let (_, err) = run(folder, 64, &["convert", "drive", "later.mcap", "-o", "joined.csv"]);
     assert!(err.contains("make it, and name it with -o: later.mcap does not go on where"), "{err}");

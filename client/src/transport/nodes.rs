@@ -34,7 +34,7 @@ pub fn is_alive(node: &IpcNode, id: UniqueNodeId) -> bool {
 
 /// A process that is a member of a domain.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Member {
+pub enum DomainMember {
     /// That of this node.
     Node(UniqueNodeId),
     /// One that cannot be identified.
@@ -45,13 +45,13 @@ pub enum Member {
 ///
 /// # Errors
 /// Why the nodes cannot be listed.
-pub fn member_of(domain: &Domain) -> Result<Option<Member>, String> {
+pub fn member_of(domain: &Domain) -> Result<Option<DomainMember>, String> {
     let config = configuration(domain).map_err(|error| error.to_string())?;
     let mut member = None;
     let listed = Node::<Ipc>::list(&config, |node| {
         member = match &node {
-            NodeState::Alive(view) => Some(Member::Node(*view.id())),
-            NodeState::Inaccessible(_) | NodeState::Undefined(_) => Some(Member::Unknown),
+            NodeState::Alive(view) => Some(DomainMember::Node(*view.id())),
+            NodeState::Inaccessible(_) | NodeState::Undefined(_) => Some(DomainMember::Unknown),
             NodeState::Dead(_) => return CallbackProgression::Continue,
         };
         CallbackProgression::Stop

@@ -145,7 +145,7 @@ pub fn write(path: &Path, snapshot: &Snapshot) {
 }
 
 /// Publishes the state of the campaign: status file, and bars on a terminal or lines in the log.
-pub struct Progress {
+pub struct CampaignProgress {
     path: PathBuf,
     time: Arc<dyn Time>,
     /// On a terminal: all units, the unit in progress, and the readings.
@@ -158,7 +158,7 @@ pub struct Progress {
     logged: Option<(Moment, f64)>,
 }
 
-impl Progress {
+impl CampaignProgress {
     /// For the campaign in `folder` with this number of units.
     pub fn new(folder: &Path, units: usize, time: Arc<dyn Time>) -> Self {
         let bars = io::stderr().is_terminal().then(|| {

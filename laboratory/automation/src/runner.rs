@@ -14,7 +14,7 @@ use super::journal::{Entry, History, Journal, KeptStep, TurnReadBacks};
 use super::machine::{Action, CampaignMachine, Halt, Observation};
 use super::page::{self, LivePage};
 use super::plan::Plan;
-use super::progress::{DroppedImu, Progress, Snapshot};
+use super::progress::{CampaignProgress, DroppedImu, Snapshot};
 use super::samples::{LaboratoryClock, SampleSources};
 use super::stability::{RateWindow, Trends};
 use super::stamp::Stamp;
@@ -86,7 +86,7 @@ pub struct Runner<'p> {
     station: Station<'p>,
     streams: Streams<'p>,
     journal: Journal,
-    progress: Progress,
+    progress: CampaignProgress,
     trends: Trends,
     ramp: RateWindow,
     chamber: (ChamberReading, f64),
@@ -151,7 +151,7 @@ impl<'p> Runner<'p> {
             station: Station::new(plan, history.begun && !history.safe, around.clone()),
             streams: Streams::start(plan, history, clock, sources)?,
             journal,
-            progress: Progress::new(&plan.output, units(plan), Arc::clone(&around.time)),
+            progress: CampaignProgress::new(&plan.output, units(plan), Arc::clone(&around.time)),
             trends,
             ramp: RateWindow::new(RAMP_WINDOW_S.max(0.1 * speed)),
             chamber: (ChamberReading::default(), f64::NEG_INFINITY),

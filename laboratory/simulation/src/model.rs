@@ -5,7 +5,7 @@ use super::hysteresis::Play;
 use super::random::RandomGenerator;
 use isotherm_campaign::{horizontal_rate, vertical_rate};
 use isotherm_shared::polynomial::{Polynomial, Side};
-use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, Refusal};
+use isotherm_shared::table::{Axis, CoefficientTable, Content, ContentFault, Gyroscopes};
 use isotherm_shared::units::{BiasUnit, SensorKind};
 use isotherm_shared::wire::AXES;
 use nalgebra::{Matrix3, Vector3};
@@ -82,8 +82,8 @@ impl Truth {
         misalignment: Matrix3<f64>,
         tilt_rad: [f64; 2],
         gravity_local: f64,
-    ) -> Result<Self, Vec<Refusal>> {
-        let singular = || vec![Refusal { key: "misalignment".to_owned(), message: "has no inverse".to_owned() }];
+    ) -> Result<Self, Vec<ContentFault>> {
+        let singular = || vec![ContentFault { key: "misalignment".to_owned(), message: "has no inverse".to_owned() }];
         content.alignment = Some(misalignment.try_inverse().ok_or_else(singular)?);
         let table = CoefficientTable::new(content)?;
         Ok(Self {
@@ -166,7 +166,7 @@ impl Truth {
     ///
     /// # Errors
     /// If the drawn values are not a valid table, which may happen if `content` is close to the limits.
-    pub fn varied(content: &Content, seed: u64) -> Result<Self, Vec<Refusal>> {
+    pub fn varied(content: &Content, seed: u64) -> Result<Self, Vec<ContentFault>> {
         let mut random = RandomGenerator::new(seed, TRUTH);
         let mut content = content.clone();
         for axis in &mut content.axes {

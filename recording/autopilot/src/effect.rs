@@ -100,7 +100,7 @@ impl FromStr for Effect {
 /// Those of scale and alignment are at 1 g0 and 1 rad/s, that of the g-sensitivity at 1 g0, that of the lag when the
 /// temperature has changed by 1 degC a minute for long. All are proportional.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Loss {
+pub struct EffectLoss {
     /// The effect.
     pub effect: Effect,
     /// The sensors that have it, A1 to G3.
@@ -111,7 +111,7 @@ pub struct Loss {
     pub gyroscopes: Option<f64>,
 }
 
-impl fmt::Display for Loss {
+impl fmt::Display for EffectLoss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} ({}), up to ", self.effect, self.effect.meaning(), self.sensors.join(", "))?;
         let part = |kind, size: Option<f64>, unit| {
@@ -124,9 +124,9 @@ impl fmt::Display for Loss {
 }
 
 /// All effects of the triads that the autopilot's parameters cannot say.
-pub(crate) fn losses(triads: &[Triad<'_>], autopilot: Autopilot, lag_s: Option<f64>) -> Vec<Loss> {
+pub(crate) fn losses(triads: &[Triad<'_>], autopilot: Autopilot, lag_s: Option<f64>) -> Vec<EffectLoss> {
     let loss = |(effect, _): (Effect, &str)| {
-        let mut loss = Loss { effect, sensors: Vec::new(), accelerometers: None, gyroscopes: None };
+        let mut loss = EffectLoss { effect, sensors: Vec::new(), accelerometers: None, gyroscopes: None };
         for triad in triads {
             for (index, (axis, name)) in triad.axes.iter().zip(triad.kind.names()).enumerate() {
                 let size = match effect {

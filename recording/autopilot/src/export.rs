@@ -2,7 +2,7 @@
 
 use crate::autopilot::{Autopilot, InstanceError};
 use crate::curve::{common, points};
-use crate::effect::{Effect, Loss, losses, together};
+use crate::effect::{Effect, EffectLoss, losses, together};
 use crate::firmware::{ARDUPILOT_REFERENCE, ArduPilotTriad, Constants, Px4Triad};
 use crate::parameters::{Parameters, ReadError};
 use crate::triad::{Triad, TriadCurve, triads};
@@ -65,7 +65,7 @@ pub struct ExportedParameters {
     /// The text of a `.params` or `.parm` file.
     pub text: String,
     /// What was left out, as permitted.
-    pub lost: Vec<Loss>,
+    pub lost: Vec<EffectLoss>,
     /// Largest difference between what the firmware subtracts, by its own formula in float32, and the written biases,
     /// over the range.
     pub difference: Difference,
@@ -103,7 +103,7 @@ pub enum ExportError {
     Unit(String),
     /// The table has what parameters cannot say.
     #[error("parameters of a table: they cannot say all of it; {}", described(.0))]
-    Effects(Vec<Loss>),
+    Effects(Vec<EffectLoss>),
     /// The biases have no range that all have.
     #[error("parameters of a table: no temperature is in the ranges of all biases; calibrate them over one range")]
     NoCommonRange,
@@ -119,7 +119,7 @@ pub enum ExportError {
     Float32(String),
 }
 
-fn described(losses: &[Loss]) -> String {
+fn described(losses: &[EffectLoss]) -> String {
     let list: Vec<_> = losses.iter().map(|loss| format!("{loss}; --drop {} leaves it out", loss.effect)).collect();
     list.join("\n")
 }
@@ -154,7 +154,7 @@ pub fn export(table: &CoefficientTable, options: &ExportOptions) -> Result<Expor
     let written: Vec<ExportText> = written.collect::<Result<_, _>>()?;
     let (lost, refused): (Vec<_>, Vec<_>) = losses(&triads, autopilot, content.lag_s)
         .into_iter()
-        .partition(|loss: &Loss| options.drop.contains(&loss.effect));
+        .partition(|loss: &EffectLoss| options.drop.contains(&loss.effect));
     if !refused.is_empty() {
         return Err(ExportError::Effects(refused));
     }

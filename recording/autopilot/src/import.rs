@@ -8,7 +8,7 @@ use crate::parameters::{Parameters, ReadError, bias_name};
 use isotherm_shared::document::{Fault, Faults};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{Axis, CoefficientTable, Content, Nominal, Refusal, nominal_content};
+use isotherm_shared::table::{Axis, CoefficientTable, Content, ContentFault, Nominal, nominal_content};
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure};
@@ -39,7 +39,7 @@ pub enum ImportError {
     Text(#[from] Faults),
     /// Interval or gravity is none that a table can have.
     #[error("the table of parameters: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Settings(Vec<Refusal>),
+    Settings(Vec<ContentFault>),
 }
 
 impl From<ReadError> for ImportError {
@@ -86,7 +86,7 @@ pub fn import(text: &str, options: &ImportOptions) -> Result<CoefficientTable, I
     };
     let mut content = nominal_content(&nominal).map_err(|refusal| ImportError::Settings(vec![refusal]))?;
     // No finite float32 overflows as a double, so this cannot fail.
-    let overflow = || Refusal { key: "bias".to_owned(), message: "overflows; give other parameters".to_owned() };
+    let overflow = || ContentFault { key: "bias".to_owned(), message: "overflows; give other parameters".to_owned() };
     write(&mut content, &accelerometers, gyroscopes.as_ref()).ok_or_else(|| ImportError::Settings(vec![overflow()]))?;
     CoefficientTable::new(content).map_err(|refusals| of_table(text, options, refusals))
 }
@@ -138,13 +138,13 @@ fn write(content: &mut Content, accelerometers: &Biases, gyroscopes: Option<&Bia
 }
 
 /// What a table refuses: a bias is a fault of its parameters, everything else comes from the options.
-fn of_table(text: &str, options: &ImportOptions, refusals: Vec<Refusal>) -> ImportError {
+fn of_table(text: &str, options: &ImportOptions, refusals: Vec<ContentFault>) -> ImportError {
     let (lines, mut faults) = (Lines::parse(text), Vec::new());
     let Ok(instance) = options.autopilot.instance(options.instance) else { return ImportError::Settings(refusals) };
     for kind in [SensorKind::Accelerometer, SensorKind::Gyroscope] {
         for (axis, name) in kind.names().into_iter().enumerate() {
-            let of_axis = |refusal: &&Refusal| refusal.key.ends_with(&format!(".{name}.bias"));
-            let Some(Refusal { message, .. }) = refusals.iter().find(of_axis) else { continue };
+            let of_axis = |refusal: &&ContentFault| refusal.key.ends_with(&format!(".{name}.bias"));
+            let Some(ContentFault { message, .. }) = refusals.iter().find(of_axis) else { continue };
             let key = bias_name(options.autopilot, instance, kind, axis);
             let line = lines.line(&key).unwrap_or(1);
             faults.push(Fault { line, key, message: format!("the bias of {name} {message}") });

@@ -51,7 +51,7 @@ mod vehicle;
 
 pub use autopilot::{Autopilot, InstanceError};
 pub use curve::HIGHEST_ORDER;
-pub use effect::{Effect, Loss};
+pub use effect::{Effect, EffectLoss};
 pub use export::{Difference, ExportError, ExportOptions, ExportedParameters, export};
 pub use firmware::{ARDUPILOT_REFERENCE, ArduPilotTriad, Constants, Px4Triad};
 pub use import::{ImportError, ImportOptions, import};

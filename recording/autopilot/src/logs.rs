@@ -21,7 +21,7 @@ mod undo;
 mod window;
 
 pub use ardupilot::DataFlashSource;
-pub use dataflash::Encoding;
+pub use dataflash::LogEncoding;
 pub use dataflash_json::first_message;
 pub use imu::{FoundImu, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, found_listed};
 pub use px4::UlogSource;

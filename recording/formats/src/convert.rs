@@ -44,7 +44,7 @@ pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
 pub use looked::{Calendar, LookedColumn, LookedTable};
-pub use mapping::{Decimal, KnownColumns, Mapping, Time, TimeUnit};
+pub use mapping::{Decimal, KnownColumns, Mapping, RowTimes, TimeUnit};
 pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{Settings, TimeSource};
@@ -54,7 +54,7 @@ pub use unit::Linear;
 use interval::{GAP, IntervalSteps};
 use isotherm_autopilot::logs::FoundImu;
 use isotherm_recording::columns::Layout;
-use isotherm_recording::foreign::{ForeignRow, OpenData, RowSource, Units, VehicleState};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, Units, VehicleState};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::names::ImuId;
@@ -216,7 +216,7 @@ impl Conversion {
         if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
             let both = recognised.with_gyroscopes();
             let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
-            let source: Box<dyn RowSource> = match (&settings.gyroscope_file, both) {
+            let source: Box<dyn ForeignRows> = match (&settings.gyroscope_file, both) {
                 (None, _) => Box::new(source),
                 (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
                 (Some(file), None) => {
@@ -249,7 +249,7 @@ impl Conversion {
             mapping.temperature = Temperature::Constant(temperature);
         }
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
-        let source: Box<dyn RowSource> = match &settings.gyroscope_file {
+        let source: Box<dyn ForeignRows> = match &settings.gyroscope_file {
             Some(file) => {
                 let alone = Mapping { gyroscope: None, ..mapping.clone() };
                 let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
@@ -280,7 +280,7 @@ impl Conversion {
     /// Reads the first rows, to judge their stamps and to find the nominal interval if it is not given.
     fn begin(
         path: &Path,
-        source: Box<dyn RowSource>,
+        source: Box<dyn ForeignRows>,
         interval_ns: Option<u64>,
         settings: &Settings,
     ) -> Result<Self, Failure> {

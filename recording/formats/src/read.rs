@@ -30,7 +30,7 @@ mod table;
 
 pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};
-pub use part::{ConversionPart, Moment, Part};
+pub use part::{ConversionPart, Part, RecordingTime};
 pub use piece::RowKind;
 pub use pieces::Pieces;
 pub use places::Places;

@@ -14,7 +14,7 @@ pub enum Encoding {
 
 /// `sensor_msgs/msg/Imu`, as far as it concerns an IMU without an orientation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Imu {
+pub struct ImuMessage {
     /// Stamp of the header, Unix time \[ns\].
     pub stamp_ns: u64,
     /// Name of the frame.
@@ -27,7 +27,7 @@ pub struct Imu {
 
 /// `sensor_msgs/msg/Temperature`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Temperature {
+pub struct TemperatureMessage {
     /// Stamp of the header, Unix time \[ns\].
     pub stamp_ns: u64,
     /// Name of the frame.
@@ -36,12 +36,12 @@ pub struct Temperature {
     pub celsius: f64,
 }
 
-/// Name of the schema of an [`Imu`].
+/// Name of the schema of an [`ImuMessage`].
 pub const IMU: &str = "sensor_msgs/msg/Imu";
-/// Name of the schema of a [`Temperature`].
+/// Name of the schema of a [`TemperatureMessage`].
 pub const TEMPERATURE: &str = "sensor_msgs/msg/Temperature";
 
-/// The definition of an [`Imu`] with all definitions that it needs, in the schema encoding `ros2msg`.
+/// The definition of an [`ImuMessage`] with all definitions that it needs, in the schema encoding `ros2msg`.
 pub const IMU_DEFINITION: &str = "\
 std_msgs/Header header
 geometry_msgs/Quaternion orientation
@@ -71,7 +71,7 @@ float64 y
 float64 z
 ";
 
-/// The definition of a [`Temperature`] with all definitions that it needs, in the schema encoding `ros2msg`.
+/// The definition of a [`TemperatureMessage`] with all definitions that it needs, in the schema encoding `ros2msg`.
 pub const TEMPERATURE_DEFINITION: &str = "\
 std_msgs/Header header
 float64 temperature
@@ -98,7 +98,7 @@ const ENCAPSULATION: usize = 4;
 /// Bytes that may follow a message: padding.
 const MOST_PADDING: usize = 7;
 
-impl Imu {
+impl ImuMessage {
     /// Reads a message.
     ///
     /// # Errors
@@ -132,11 +132,11 @@ impl Imu {
     }
 }
 
-impl Temperature {
+impl TemperatureMessage {
     /// Reads a message.
     ///
     /// # Errors
-    /// As [`Imu::decode`].
+    /// As [`ImuMessage::decode`].
     pub fn decode(encoding: Encoding, message: &[u8]) -> Result<Self, String> {
         let mut fields = Fields::new(encoding, message)?;
         let (stamp_ns, frame_id) = fields.header()?;
@@ -148,7 +148,7 @@ impl Temperature {
     /// Appends the message in little-endian CDR; the variance is unknown (0).
     ///
     /// # Errors
-    /// As [`Imu::encode`].
+    /// As [`ImuMessage::encode`].
     pub fn encode(&self, message: &mut Vec<u8>) -> Result<(), String> {
         begin(message, self.stamp_ns, &self.frame_id)?;
         append(message, &[self.celsius, 0.0]);
@@ -279,8 +279,8 @@ fn covariance(has_value: bool) -> [f64; COVARIANCE] {
 mod tests {
     use super::*;
 
-    fn imu(frame_id: &str) -> Imu {
-        Imu {
+    fn imu(frame_id: &str) -> ImuMessage {
+        ImuMessage {
             stamp_ns: 1_700_000_000_123_456_789,
             frame_id: frame_id.to_owned(),
             angular_velocity: Some([0.5, -0.25, 0.125]),
@@ -309,8 +309,8 @@ mod tests {
             message.encode(&mut bytes).unwrap();
             // Stamp, length of the name, name and its zero, padding; 37 doubles.
             assert_eq!(bytes.len(), 4 + (12 + length + 1).next_multiple_of(8) + 37 * 8);
-            assert_eq!(Imu::decode(Encoding::Cdr, &bytes).unwrap(), message);
-            assert_eq!(Imu::decode(Encoding::Cdr, &big_endian(&bytes, length)).unwrap(), message);
+            assert_eq!(ImuMessage::decode(Encoding::Cdr, &bytes).unwrap(), message);
+            assert_eq!(ImuMessage::decode(Encoding::Cdr, &big_endian(&bytes, length)).unwrap(), message);
             let doubles = 4 + (12 + length + 1).next_multiple_of(8);
             let ros1: Vec<u8> = [7_u32, 1_700_000_000, 123_456_789, length as u32]
                 .iter()
@@ -318,26 +318,27 @@ mod tests {
                 .chain(frame.bytes())
                 .chain(bytes[doubles..].iter().copied())
                 .collect();
-            assert_eq!(Imu::decode(Encoding::Ros1, &ros1).unwrap(), message);
-            let temperature = Temperature { stamp_ns: 5, frame_id: frame, celsius: -40.5 };
+            assert_eq!(ImuMessage::decode(Encoding::Ros1, &ros1).unwrap(), message);
+            let temperature = TemperatureMessage { stamp_ns: 5, frame_id: frame, celsius: -40.5 };
             let mut bytes = Vec::new();
             temperature.encode(&mut bytes).unwrap();
-            assert_eq!(Temperature::decode(Encoding::Cdr, &bytes).unwrap(), temperature);
+            assert_eq!(TemperatureMessage::decode(Encoding::Cdr, &bytes).unwrap(), temperature);
         }
     }
 
     #[test]
     fn what_does_not_exist_has_minus_one_in_its_covariance() {
         let mut bytes = Vec::new();
-        let none = Imu { angular_velocity: None, linear_acceleration: Some([f64::NAN, 0.0, 0.0]), ..imu("imu-a") };
+        let none =
+            ImuMessage { angular_velocity: None, linear_acceleration: Some([f64::NAN, 0.0, 0.0]), ..imu("imu-a") };
         none.encode(&mut bytes).unwrap();
         let doubles: Vec<_> = bytes[4 + 24..].chunks(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
         assert_eq!(doubles[..5], [0.0, 0.0, 0.0, 1.0, -1.0]);
         assert_eq!(doubles[13..17], [0.0, 0.0, 0.0, -1.0]);
         assert!(doubles[25].is_nan() && doubles[28] == -1.0);
-        let read = Imu::decode(Encoding::Cdr, &bytes).unwrap();
+        let read = ImuMessage::decode(Encoding::Cdr, &bytes).unwrap();
         assert_eq!((read.angular_velocity, read.linear_acceleration), (None, None));
-        assert!(Imu { stamp_ns: 1 << 62, ..imu("") }.encode(&mut bytes).unwrap_err().contains("after 2038"));
+        assert!(ImuMessage { stamp_ns: 1 << 62, ..imu("") }.encode(&mut bytes).unwrap_err().contains("after 2038"));
     }
 
     #[test]
@@ -345,24 +346,24 @@ mod tests {
         let mut good = Vec::new();
         imu("imu-a").encode(&mut good).unwrap();
         for length in 0..good.len() {
-            assert!(Imu::decode(Encoding::Cdr, &good[..length]).is_err());
-            let _ = Imu::decode(Encoding::Ros1, &good[..length]);
-            let _ = Temperature::decode(Encoding::Cdr, &good[..length]);
+            assert!(ImuMessage::decode(Encoding::Cdr, &good[..length]).is_err());
+            let _ = ImuMessage::decode(Encoding::Ros1, &good[..length]);
+            let _ = TemperatureMessage::decode(Encoding::Cdr, &good[..length]);
         }
         let mut long = good.clone();
         long.extend([0; 8]);
-        assert!(Imu::decode(Encoding::Cdr, &long).unwrap_err().contains("8 bytes more"));
+        assert!(ImuMessage::decode(Encoding::Cdr, &long).unwrap_err().contains("8 bytes more"));
         for place in 0..good.len() {
             for wrong in [0, 0x7f, 0xff] {
                 let mut bytes = good.clone();
                 bytes[place] = wrong;
                 for encoding in [Encoding::Cdr, Encoding::Ros1] {
-                    let _ = Imu::decode(encoding, &bytes);
-                    let _ = Temperature::decode(encoding, &bytes);
+                    let _ = ImuMessage::decode(encoding, &bytes);
+                    let _ = TemperatureMessage::decode(encoding, &bytes);
                 }
             }
         }
         good[1] = 7;
-        assert!(Imu::decode(Encoding::Cdr, &good).unwrap_err().contains("encapsulation 00 07"));
+        assert!(ImuMessage::decode(Encoding::Cdr, &good).unwrap_err().contains("encapsulation 00 07"));
     }
 }

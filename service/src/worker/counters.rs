@@ -91,7 +91,7 @@ impl Default for FlagCounts {
 
 /// A sample's unit that is not the unit of the table that the sample was answered with.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct OtherDevice {
+pub struct DeviceMismatch {
     /// Number of the sample's unit.
     pub device: u64,
     /// Id of the table.
@@ -254,21 +254,21 @@ impl CounterReader {
     }
 
     /// The unit of the last sample, if that is not the unit of its table, and the id of that table.
-    pub fn last_other_device(&self) -> Option<OtherDevice> {
+    pub fn last_other_device(&self) -> Option<DeviceMismatch> {
         self.of_table(&self.0.last_other_device)
     }
 
     /// The unit of the last sample that was not of its table's unit, and the id of that table; `None` if no sample has
     /// come from another unit since the table was taken.
-    pub fn other_device(&self) -> Option<OtherDevice> {
+    pub fn other_device(&self) -> Option<DeviceMismatch> {
         self.of_table(&self.0.other_device)
     }
 
     /// A unit and the table that its sample was answered with; `None` also while the worker takes another table.
-    fn of_table(&self, device: &AtomicU64) -> Option<OtherDevice> {
+    fn of_table(&self, device: &AtomicU64) -> Option<DeviceMismatch> {
         let table = self.0.table.load(Acquire);
         let device = device.load(Acquire);
-        (device != 0 && self.0.table.load(Relaxed) == table).then_some(OtherDevice { device, table })
+        (device != 0 && self.0.table.load(Relaxed) == table).then_some(DeviceMismatch { device, table })
     }
 
     /// Time constant of the lagged temperature of the last sample \[ns\], 0 if it has none.
@@ -373,7 +373,7 @@ mod tests {
         }
         assert_eq!(
             (reader.last_other_device(), reader.other_device()),
-            (None, Some(OtherDevice { device: 2, table: 0 }))
+            (None, Some(DeviceMismatch { device: 2, table: 0 }))
         );
     }
 
@@ -387,7 +387,7 @@ mod tests {
             assert_eq!(found(), (None, None, 0));
             for number in 1..=3 {
                 writer.answered(&raw, Arrival::default(), Flags::OTHER_DEVICE, 0, true);
-                let other = Some(OtherDevice { device: 2, table });
+                let other = Some(DeviceMismatch { device: 2, table });
                 assert_eq!(found(), (other, other, number));
             }
         }
@@ -455,7 +455,7 @@ mod explored {
                     let reader = reader.clone();
                     thread::spawn(move || {
                         let found = look(&reader);
-                        assert!(found.is_none_or(|OtherDevice { device, table }| device == 10 * table), "{found:?}");
+                        assert!(found.is_none_or(|DeviceMismatch { device, table }| device == 10 * table), "{found:?}");
                     })
                 };
                 for table in 1..=2 {
@@ -464,7 +464,7 @@ mod explored {
                     writer.answered(&raw, Arrival::default(), Flags::OTHER_DEVICE, 0, true);
                 }
                 looking.join().unwrap();
-                assert_eq!(look(&reader), Some(OtherDevice { device: 20, table: 2 }));
+                assert_eq!(look(&reader), Some(DeviceMismatch { device: 20, table: 2 }));
             });
             assert_eq!(found.needed.len(), 4, "{found:?}");
         }

@@ -135,7 +135,7 @@ pub struct Content {
 
 /// An invalid part of a [`Content`].
 #[derive(Clone, Debug, Eq, PartialEq)]
-pub struct Refusal {
+pub struct ContentFault {
     /// The key as in a table file; for a sensor it begins with its section and name, as in `axis.A1.` or
     /// `gyroscope.G3.`.
     pub key: String,
@@ -143,7 +143,7 @@ pub struct Refusal {
     pub message: String,
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for ContentFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.key, self.message)
     }
@@ -161,10 +161,10 @@ impl Content {
         }
     }
 
-    pub(super) fn refusals(&self) -> Vec<Refusal> {
+    pub(super) fn refusals(&self) -> Vec<ContentFault> {
         let mut refusals = Vec::new();
         let mut check = |key: String, fault: Option<String>| {
-            refusals.extend(fault.map(|message| Refusal { key, message }));
+            refusals.extend(fault.map(|message| ContentFault { key, message }));
         };
         let least = self.least_format();
         let fault = (!(least..=FORMAT).contains(&self.format)).then(|| format!("is {}, give {least}", self.format));

@@ -24,13 +24,13 @@ pub const QUANTITIES: [&str; 3] = ["bias", "positive_scale_factor", "negative_sc
 
 /// A curve in a unit that does not depend on a table's 1 g0: m/s2 and pulse/(m/s), deg/h and pulse/arcsec.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Curve {
+pub struct UnitCurve {
     polynomial: Polynomial,
     /// From the unit of the table.
     factor: f64,
 }
 
-impl Curve {
+impl UnitCurve {
     /// Bias, K+ and K- of a sensor; `gravity` is the table's 1 g0 \[m/s2\].
     #[must_use]
     pub fn of_sensor(kind: SensorKind, axis: &Axis, gravity: f64) -> [Self; 3] {
@@ -72,8 +72,8 @@ impl Curve {
 }
 
 /// The common range of curves; `None` if there is none.
-pub fn common_range<'a>(curves: impl IntoIterator<Item = &'a Curve>) -> Option<[f64; 2]> {
-    let ends = |[low, high]: [f64; 2], curve: &Curve| {
+pub fn common_range<'a>(curves: impl IntoIterator<Item = &'a UnitCurve>) -> Option<[f64; 2]> {
+    let ends = |[low, high]: [f64; 2], curve: &UnitCurve| {
         let [from, to] = curve.polynomial.range();
         [low.max(from), high.min(to)]
     };
@@ -128,7 +128,11 @@ pub struct CurveDifference {
 impl CurveDifference {
     /// The difference of a quantity of a sensor over a range that both curves have.
     #[must_use]
-    pub fn of((kind, axis, quantity): (SensorKind, usize, usize), [old, new]: [&Curve; 2], range: [f64; 2]) -> Self {
+    pub fn of(
+        (kind, axis, quantity): (SensorKind, usize, usize),
+        [old, new]: [&UnitCurve; 2],
+        range: [f64; 2],
+    ) -> Self {
         let temperature = points(range);
         let difference = |u: &f64| (new.at(*u) - old.at(*u)) * unit_factor(kind, quantity, old.at(*u));
         Self {
@@ -385,7 +389,7 @@ impl TableDifference {
 
     fn sensors(&mut self, kind: SensorKind, [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2]) {
         for (axis, (from, to)) in old.iter().zip(new).enumerate() {
-            let curves = [Curve::of_sensor(kind, from, old_gravity), Curve::of_sensor(kind, to, new_gravity)];
+            let curves = [UnitCurve::of_sensor(kind, from, old_gravity), UnitCurve::of_sensor(kind, to, new_gravity)];
             for (quantity, (from, to)) in curves[0].iter().zip(&curves[1]).enumerate() {
                 self.curve((kind, axis, quantity), [from, to]);
             }
@@ -393,7 +397,7 @@ impl TableDifference {
         }
     }
 
-    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&Curve; 2]) {
+    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&UnitCurve; 2]) {
         let (kind, axis, quantity) = place;
         let name = format!("{} {}", kind.names()[axis], QUANTITIES[quantity]);
         let [old, new] = pair.map(|curve| curve.polynomial().range());
@@ -405,9 +409,9 @@ impl TableDifference {
         let difference = CurveDifference::of(place, pair, range);
         let (size, temperature) = difference.largest();
         // Biases in the unit of their difference, since tables may have several; scale factors have one unit.
-        let (value, of_values): (&dyn Fn(&Curve) -> f64, _) = match quantity {
-            0 => (&|curve: &Curve| curve.at(temperature) * unit_factor(kind, 0, 1.0), difference.unit),
-            _ => (&|curve: &Curve| curve.polynomial().at(temperature), kind.scale_factor_unit()),
+        let (value, of_values): (&dyn Fn(&UnitCurve) -> f64, _) = match quantity {
+            0 => (&|curve: &UnitCurve| curve.at(temperature) * unit_factor(kind, 0, 1.0), difference.unit),
+            _ => (&|curve: &UnitCurve| curve.polynomial().at(temperature), kind.scale_factor_unit()),
         };
         let values = pair.map(|curve| rounded(value(curve)));
         let limit = match (kind, quantity) {

@@ -4,7 +4,7 @@ use super::turntable::Turntable;
 use crate::kernel::Kernel;
 use crate::nominal::nominal_ns;
 use crate::polynomial::Polynomial;
-use crate::table::content::{Axis, Content, Refusal};
+use crate::table::content::{Axis, Content, ContentFault};
 use crate::table::digest::Digest;
 use crate::wire::device;
 
@@ -45,7 +45,7 @@ impl CoefficientTable {
     ///
     /// # Errors
     /// All invalid parts of `content`.
-    pub fn new(content: Content) -> Result<Self, Vec<Refusal>> {
+    pub fn new(content: Content) -> Result<Self, Vec<ContentFault>> {
         let refusals = content.refusals();
         if refusals.is_empty() {
             let digest = content.digest();

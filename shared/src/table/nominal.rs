@@ -1,6 +1,6 @@
 //! The nominal table of readings: what the resolution alone says, before any calibration.
 
-use super::content::{Axis, Content, Gyroscopes, OutOfRange, Refusal};
+use super::content::{Axis, Content, ContentFault, Gyroscopes, OutOfRange};
 use super::model::CoefficientTable;
 use crate::names::ImuId;
 use crate::polynomial::Polynomial;
@@ -66,7 +66,7 @@ impl Nominal {
 /// # Errors
 /// The resolution, interval or range that cannot be, with the table's key that follows from it. Everything else is
 /// checked by [`CoefficientTable::new`].
-pub fn nominal_content(nominal: &Nominal) -> Result<Content, Refusal> {
+pub fn nominal_content(nominal: &Nominal) -> Result<Content, ContentFault> {
     let accelerometers = axes(nominal, SensorKind::Accelerometer)?;
     let gyroscopes = nominal.has_gyroscopes.then(|| axes(nominal, SensorKind::Gyroscope)).transpose()?;
     let mut content = Content {
@@ -88,7 +88,7 @@ pub fn nominal_content(nominal: &Nominal) -> Result<Content, Refusal> {
 }
 
 /// Three alike.
-fn axes(nominal: &Nominal, kind: SensorKind) -> Result<[Axis; AXES], Refusal> {
+fn axes(nominal: &Nominal, kind: SensorKind) -> Result<[Axis; AXES], ContentFault> {
     let Resolution { accelerometer, gyroscope } = nominal.resolution;
     let (section, bias_unit, one, resolution, largest) = match kind {
         SensorKind::Accelerometer => {
@@ -96,7 +96,8 @@ fn axes(nominal: &Nominal, kind: SensorKind) -> Result<[Axis; AXES], Refusal> {
         }
         SensorKind::Gyroscope => ("gyroscope", BiasUnit::DegreePerHour, ARCSEC, gyroscope, nominal.max_angular_rate),
     };
-    let refusal = |key: &str, message: &dyn ToString| Refusal { key: key.to_owned(), message: message.to_string() };
+    let refusal =
+        |key: &str, message: &dyn ToString| ContentFault { key: key.to_owned(), message: message.to_string() };
     let interval = checked_interval(nominal.interval_ns).map_err(|error| refusal("imu.nominal_interval_s", &error))?;
     let resolution = checked_resolution(resolution).map_err(|error| refusal(section, &error))?;
     let interval_s = interval / 1e9;
@@ -128,4 +129,4 @@ pub fn nominal_table(nominal: &Nominal) -> Result<CoefficientTable, Refusals> {
 /// The faults of a content, as one error.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
 #[error("the nominal table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-pub struct Refusals(pub Vec<Refusal>);
+pub struct Refusals(pub Vec<ContentFault>);

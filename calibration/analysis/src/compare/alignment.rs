@@ -1,7 +1,7 @@
 //! The difference of two alignment matrices.
 
 use super::curves::welch;
-use super::requirement::Verdict;
+use super::requirement::Compliance;
 use super::table::Form;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
@@ -98,9 +98,9 @@ impl AlignmentComparison {
 
     /// Whether all entries are within a bound \[1e-6 rad\]. Without errors the values decide.
     #[must_use]
-    pub fn verdict(&self, bound_urad: f64) -> Verdict {
+    pub fn verdict(&self, bound_urad: f64) -> Compliance {
         let largest = self.largest_urad();
-        Verdict::of(self.lower_urad().unwrap_or(largest), self.upper_urad().unwrap_or(largest), bound_urad)
+        Compliance::of(self.lower_urad().unwrap_or(largest), self.upper_urad().unwrap_or(largest), bound_urad)
     }
 
     /// Size and half width of each entry.

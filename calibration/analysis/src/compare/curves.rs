@@ -1,6 +1,6 @@
 //! The difference of two curves, with its band.
 
-use super::requirement::Verdict;
+use super::requirement::Compliance;
 use super::table::FormCurve;
 use core::ops::Deref;
 use isotherm_shared::table::difference::{CurveDifference, unit_factor};
@@ -128,8 +128,8 @@ impl CurveComparison {
 
     /// Whether the difference is within a bound, in its unit. Without errors the values decide.
     #[must_use]
-    pub fn verdict(&self, bound: f64) -> Verdict {
+    pub fn verdict(&self, bound: f64) -> Compliance {
         let (largest, _) = self.largest();
-        Verdict::of(self.lower().unwrap_or(largest), self.upper().unwrap_or(largest), bound)
+        Compliance::of(self.lower().unwrap_or(largest), self.upper().unwrap_or(largest), bound)
     }
 }

@@ -85,7 +85,7 @@ impl ComparisonRequirement {
 
 /// Whether a difference is within a bound.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
-pub enum Verdict {
+pub enum Compliance {
     /// All of it, band included.
     Within,
     /// The band reaches over the bound, and the difference may be on either side.
@@ -94,7 +94,7 @@ pub enum Verdict {
     Beyond,
 }
 
-impl Verdict {
+impl Compliance {
     /// Of a difference that is somewhere at least `lower`, and everywhere at most `upper`.
     pub(super) fn of(lower: f64, upper: f64, bound: f64) -> Self {
         if upper <= bound {
@@ -117,7 +117,7 @@ impl Verdict {
     }
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for Compliance {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }

@@ -2,7 +2,7 @@
 //! convention.
 
 use isotherm_fit::{CurveErrors, TableFile};
-use isotherm_shared::table::difference::Curve;
+use isotherm_shared::table::difference::UnitCurve;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile_of};
 use nalgebra::{DVector, Matrix3};
@@ -82,7 +82,7 @@ impl Convention {
 #[derive(Clone, Debug)]
 pub(crate) struct FormCurve {
     /// Which curve.
-    pub curve: Curve,
+    pub curve: UnitCurve,
     errors: Option<CurveErrors>,
 }
 
@@ -184,7 +184,7 @@ impl Form {
         }
         let curves = table.sensors().enumerate().map(|(index, (kind, _, axis))| {
             let scale = scales[index];
-            let [bias, positive, negative] = Curve::of_sensor(kind, axis, gravity);
+            let [bias, positive, negative] = UnitCurve::of_sensor(kind, axis, gravity);
             let scaled = [bias.times(1.0 / scale), positive.times(scale), negative.times(scale)];
             let errors = &table.origin.curves[index];
             [0, 1, 2].map(|quantity| FormCurve { curve: scaled[quantity], errors: errors[quantity].clone() })

@@ -1,7 +1,7 @@
 //! Comparison of tables: figures that a program without shared code has computed (`expected.json`), error rates, and
 //! what cannot be compared.
 
-use isotherm_analysis::{Comparison, ComparisonRequirement, Convention, Verdict, YEAR_S, compare};
+use isotherm_analysis::{Comparison, ComparisonRequirement, Compliance, Convention, YEAR_S, compare};
 use isotherm_fit::{CurveErrors, Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Gyroscopes};
@@ -365,11 +365,11 @@ fn verdicts_are_within_beyond_or_undecided() {
     let found = compared(&["2023", "2024"]);
     let verdict = |text: &str| found.verdict(&text.parse().unwrap());
     // A1's bias has changed by 3.8 to 4.8 ug0, the others by a little less.
-    assert_eq!(verdict("bias=2ug0"), Some(Verdict::Beyond));
-    assert_eq!(verdict("bias=4.2ug0"), Some(Verdict::Undecided));
-    assert_eq!(verdict("bias=5ug0"), Some(Verdict::Within));
-    assert_eq!(verdict("bias=20ug0,alignment=1urad"), Some(Verdict::Within));
-    assert_eq!(verdict("bias=20ug0,rate=1deg/h"), Some(Verdict::Undecided));
+    assert_eq!(verdict("bias=2ug0"), Some(Compliance::Beyond));
+    assert_eq!(verdict("bias=4.2ug0"), Some(Compliance::Undecided));
+    assert_eq!(verdict("bias=5ug0"), Some(Compliance::Within));
+    assert_eq!(verdict("bias=20ug0,alignment=1urad"), Some(Compliance::Within));
+    assert_eq!(verdict("bias=20ug0,rate=1deg/h"), Some(Compliance::Undecided));
     let message = found.check(&"bias=4.2ug0".parse().unwrap()).unwrap_err();
     assert!(
         message.starts_with("the requirement is not met:\n  A1 bias: 4.258, with its band 3.818 to 4.772 ug0, at most 4.200 ug0 is required: undecided"),

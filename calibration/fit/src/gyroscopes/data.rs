@@ -2,7 +2,7 @@
 
 use super::earth;
 use super::input::{GyroscopeRun, TurnMotion};
-use super::runs::{FittedRun, GyroscopeRuns, Place, TurnRun};
+use super::runs::{FittedRun, GyroscopeRuns, RunPlace, TurnRun};
 use crate::error::CalibrationError;
 use crate::result::Calibration;
 use isotherm_campaign::{Campaign, Dwell, Position, joint_range};
@@ -68,11 +68,11 @@ impl<'a> Data<'a> {
     pub(super) fn runs(&self) -> (Vec<GyroscopeRun<'a>>, Vec<FittedRun>) {
         let dwells = self.dwells.iter().map(|(set_point, dwell)| {
             let start = &self.campaign.positions[dwell.position];
-            (self.run(*set_point, dwell, start, None), placed(*set_point, dwell, Place::Position(dwell.position)))
+            (self.run(*set_point, dwell, start, None), placed(*set_point, dwell, RunPlace::Position(dwell.position)))
         });
         let turns = self.turns.iter().map(|(set_point, turn)| {
             let start = &self.campaign.turns[turn.run.position].start;
-            let place = Place::Turn(turn.run.position);
+            let place = RunPlace::Turn(turn.run.position);
             (self.run(*set_point, &turn.run, start, Some(turn)), placed(*set_point, &turn.run, place))
         });
         dwells.chain(turns).unzip()
@@ -111,7 +111,7 @@ impl<'a> Data<'a> {
 }
 
 /// A run with its place, not yet fitted.
-fn placed(set_point: usize, run: &Dwell, place: Place) -> FittedRun {
+fn placed(set_point: usize, run: &Dwell, place: RunPlace) -> FittedRun {
     let (start_ns, seconds) = (run.time_ns.map(|[begin_ns, _]| begin_ns), run.sums.seconds);
     FittedRun { set_point, place, lines: run.lines, start_ns, seconds, residual: [0.0; AXES] }
 }

@@ -2,7 +2,7 @@
 
 use super::fit::{RateInput, effects};
 use super::input::GyroscopeRun;
-use super::runs::{FittedRun, Place};
+use super::runs::{FittedRun, RunPlace};
 use super::solution::TriadSolution;
 use isotherm_campaign::{Campaign, EARTH_RATE, Position, SAME_DIRECTION, horizontal_rate, vertical_rate};
 use isotherm_shared::wire::AXES;
@@ -135,7 +135,7 @@ impl LeftOver {
             return None;
         }
         let name = |(is_turn, index): &(bool, usize)| {
-            let place = if *is_turn { Place::Turn(*index) } else { Place::Position(*index) };
+            let place = if *is_turn { RunPlace::Turn(*index) } else { RunPlace::Position(*index) };
             place.number(campaign).to_string()
         };
         let from = sources.keys().map(name).collect();
@@ -172,8 +172,8 @@ impl LeftOver {
                 (None, Some(_)) => None,
             };
             let key = match place.place {
-                Place::Position(position) => (false, position),
-                Place::Turn(turn) => (true, turn),
+                RunPlace::Position(position) => (false, position),
+                RunPlace::Turn(turn) => (true, turn),
             };
             if let Some(directions) = directions {
                 let of_place = sources.entry(key).or_default();
@@ -302,8 +302,8 @@ fn of_positions(
     Some(2 * last)
 }
 
-fn place_number(place: Place) -> usize {
+fn place_number(place: RunPlace) -> usize {
     match place {
-        Place::Position(index) | Place::Turn(index) => index,
+        RunPlace::Position(index) | RunPlace::Turn(index) => index,
     }
 }

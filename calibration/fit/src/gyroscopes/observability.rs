@@ -9,7 +9,7 @@ use super::earth::{Start, eliminate_horizontal};
 use super::fit::design;
 use super::input::{GyroscopeRun, TurnMotion};
 use super::model::PARAMETERS;
-use super::runs::{FittedRun, Place, TurnBlock};
+use super::runs::{FittedRun, RunPlace, TurnBlock};
 use isotherm_campaign::{
     Campaign, LEAST_TURN, MAX_CONDITION, Position, Turn, outer_axis, specific_force, vector_words,
 };
@@ -117,13 +117,13 @@ fn matrix(campaign: &Campaign) -> DMatrix<f64> {
     let mut runs = Vec::new();
     let mut places = Vec::new();
     let positions =
-        campaign.positions.iter().enumerate().map(|(index, position)| (Place::Position(index), position, None));
+        campaign.positions.iter().enumerate().map(|(index, position)| (RunPlace::Position(index), position, None));
     let turns = campaign
         .turns
         .iter()
         .zip(&blocks)
         .enumerate()
-        .map(|(index, (turn, blocks))| (Place::Turn(index), &turn.start, Some((turn, blocks.as_slice()))));
+        .map(|(index, (turn, blocks))| (RunPlace::Turn(index), &turn.start, Some((turn, blocks.as_slice()))));
     for (place, start, turn) in positions.chain(turns) {
         let (Start { force, by_horizontal, .. }, seconds) = run(start, turn);
         let pulses = [0, 1, 2].map(|axis| {

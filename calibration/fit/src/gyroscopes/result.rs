@@ -2,7 +2,7 @@
 
 use super::earth::{EarthCheck, LeftOver};
 use super::observability::TriadObservability;
-use super::runs::{FittedRun, Place};
+use super::runs::{FittedRun, RunPlace};
 use super::set_points::SetPointReduction;
 use super::solution::{GyroscopeSolution, TriadSolution};
 use crate::alignment::{NEEDED_CONFIDENCE, is_significant, matrix_of};
@@ -48,7 +48,7 @@ impl GyroscopeCalibration {
     /// Number of turns in the fit.
     #[must_use]
     pub fn turns(&self) -> usize {
-        self.runs.iter().filter(|run| matches!(run.place, Place::Turn(_))).count()
+        self.runs.iter().filter(|run| matches!(run.place, RunPlace::Turn(_))).count()
     }
 
     /// What `table` without alignment matrices leaves, if the gyroscopes need one: the largest error for a rate about

@@ -144,14 +144,14 @@ fn of_gyroscopes(row: &CampaignRow) -> CampaignRow {
 
 /// Where a run was: in a position, or in a turn.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Place {
+pub enum RunPlace {
     /// Index into the campaign's positions.
     Position(usize),
     /// Index into the campaign's turns.
     Turn(usize),
 }
 
-impl Place {
+impl RunPlace {
     /// Its number in the samples.
     #[must_use]
     pub fn number(self, campaign: &Campaign) -> RunNumber {
@@ -168,7 +168,7 @@ pub struct FittedRun {
     /// Index of its set point.
     pub set_point: usize,
     /// Where it was.
-    pub place: Place,
+    pub place: RunPlace,
     /// Lines of its first and last row.
     pub lines: [u64; 2],
     /// When its first row was taken \[ns\]; `None` if its times are not those of the other runs.

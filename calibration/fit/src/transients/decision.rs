@@ -1,6 +1,6 @@
 //! The decision rule: when a time constant and a transient may be written, and the words for it.
 
-use super::result::{BiasTransient, Condition, TimeConstant, TransientVerdict};
+use super::result::{BiasTransient, Condition, TimeConstantEstimate, TransientVerdict};
 use crate::effects::{BIAS_EFFECT, GYROSCOPE_BIAS_EFFECT as GYROSCOPE_EFFECT};
 use isotherm_shared::units::SensorKind;
 
@@ -98,7 +98,7 @@ pub(super) fn verdict(given: bool, biases: &[BiasTransient]) -> TransientVerdict
 /// The verdict and its reasons in sentences.
 pub(super) fn words(
     verdict: TransientVerdict,
-    time_constant: &TimeConstant,
+    time_constant: &TimeConstantEstimate,
     conditions: &[Condition],
     biases: &[BiasTransient],
 ) -> Vec<String> {
@@ -106,7 +106,7 @@ pub(super) fn words(
         biases.iter().filter(of).map(BiasTransient::name).collect::<Vec<_>>().join(", ")
     };
     let written = names(&|bias| bias.transient != 0.0);
-    let TimeConstant { value_s, interval_s: [low_s, high_s], given, .. } = time_constant;
+    let TimeConstantEstimate { value_s, interval_s: [low_s, high_s], given, .. } = time_constant;
     let tau = if *given {
         format!("time constant {value_s} s")
     } else {
@@ -136,7 +136,7 @@ pub(super) fn words(
 }
 
 /// The words for a condition that is not met.
-fn reason(condition: &Condition, time_constant: &TimeConstant) -> String {
+fn reason(condition: &Condition, time_constant: &TimeConstantEstimate) -> String {
     let Condition { figure, limit, .. } = *condition;
     match condition.name {
         "both-directions" => format!(
@@ -181,7 +181,7 @@ fn reason(condition: &Condition, time_constant: &TimeConstant) -> String {
 /// Warnings: what a given time constant did without. `searched` is the time constant that the ramps show, with its
 /// conditions.
 pub(super) fn warnings(
-    searched: &TimeConstant,
+    searched: &TimeConstantEstimate,
     conditions: &[Condition],
     biases: &[BiasTransient],
     given_s: f64,

@@ -41,7 +41,7 @@ impl TransientVerdict {
 
 /// The time constant of the IMU.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TimeConstant {
+pub struct TimeConstantEstimate {
     /// Value \[s\].
     pub value_s: f64,
     /// 95 % interval \[s\]; both ends are the value if it was given.
@@ -131,7 +131,7 @@ pub struct Transients {
     /// The verdict and its reasons in sentences.
     pub words: Vec<String>,
     /// The time constant, of the table if a bias has a transient.
-    pub time_constant: TimeConstant,
+    pub time_constant: TimeConstantEstimate,
     /// Conditions of the time constant, for all biases.
     pub conditions: Vec<Condition>,
     /// A1, A2, A3, and G1, G2, G3 where table and recordings have gyroscopes.

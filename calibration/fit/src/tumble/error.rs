@@ -1,7 +1,7 @@
 //! Why an IMU cannot be calibrated by gravity's length.
 
 use isotherm_campaign::StaticPoseError;
-use isotherm_shared::table::Refusal;
+use isotherm_shared::table::ContentFault;
 
 /// Why no table can be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -37,5 +37,5 @@ pub enum TumbleError {
     Refused(String),
     /// The result is not a valid table.
     #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Table(Vec<Refusal>),
+    Table(Vec<ContentFault>),
 }

@@ -1,7 +1,7 @@
 //! Mistakes of laboratories: no table, and the first line names the cause; or a gate that does not install what is
 //! wrong.
 //!
-//! One seed here; with `ISOTHERM_ALL_SEEDS` set, five. `cargo run -p isotherm-fit --example mistakes` prints
+//! One seed here; with `ISOTHERM_NIGHTLY` set, five. `cargo run -p isotherm-fit --example mistakes` prints
 //! the table.
 
 mod gate;
@@ -14,7 +14,7 @@ use isotherm_simulation::{CampaignSchedule, SimulatedRow};
 use matrix::{ExpectedOutcome, calibrated, case, correct, mistakes, outcome, truth_in, without_misalignment};
 
 fn seeds() -> std::ops::RangeInclusive<u64> {
-    1..=if std::env::var_os("ISOTHERM_ALL_SEEDS").is_some() { 5 } else { 1 }
+    1..=if std::env::var_os("ISOTHERM_NIGHTLY").is_some() { 5 } else { 1 }
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn no_wrong_table_is_installed_that_campaign_or_run_can_show() {
 
 #[test]
 fn gates_let_good_tables_pass() {
-    let count = if std::env::var_os("ISOTHERM_ALL_SEEDS").is_some() { 200 } else { 8 };
+    let count = if std::env::var_os("ISOTHERM_NIGHTLY").is_some() { 200 } else { 4 };
     let mut passed = 0;
     for seed in 1..=count {
         for (case, alignment) in
@@ -128,7 +128,7 @@ fn gates_let_good_tables_pass() {
 
 #[test]
 fn correct_campaigns_of_other_laboratories_are_not_refused() {
-    let count = if std::env::var_os("ISOTHERM_ALL_SEEDS").is_some() { 200 } else { 8 };
+    let count = if std::env::var_os("ISOTHERM_NIGHTLY").is_some() { 200 } else { 4 };
     for seed in 1..=count {
         let (case, words) = correct(seed);
         let outcome = outcome(&case);

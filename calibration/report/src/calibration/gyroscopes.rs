@@ -5,7 +5,7 @@ use super::triad::Budget;
 use crate::page::{Cell, Column, Page};
 use crate::plot::{Plot, Style};
 use isotherm_campaign::Turn;
-use isotherm_fit::{CalibratedTriad, FittedRun, GyroscopeCalibration, Place, TriadObservability};
+use isotherm_fit::{CalibratedTriad, FittedRun, GyroscopeCalibration, RunPlace, TriadObservability};
 use isotherm_shared::table::{AXIS_NAMES, GYROSCOPE_NAMES};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, largest};
@@ -65,7 +65,7 @@ impl CalibrationPage<'_> {
         let figure = |axis: usize| {
             let points = |turns: bool| {
                 let runs = found.runs.iter().enumerate();
-                let runs = runs.filter(move |(_, run)| matches!(run.place, Place::Turn(_)) == turns);
+                let runs = runs.filter(move |(_, run)| matches!(run.place, RunPlace::Turn(_)) == turns);
                 runs.map(move |(index, run)| {
                     let hours = run.start_ns.filter(|_| are_timed).map(|ns| (ns - start_ns) as f64 / 3.6e12);
                     (hours.unwrap_or(index as f64 + 1.0), run.residual[axis] / run.seconds.sqrt())
@@ -151,7 +151,7 @@ impl CalibrationPage<'_> {
         let Some(found) = &self.calibration.gyroscopes else { return };
         page.heading(2, "turns", "Turn check list");
         // What is wrong with a turn at every set point is one finding, without a place, on a line of one of its runs.
-        let is_everywhere = |place: Place| {
+        let is_everywhere = |place: RunPlace| {
             let of_place = found.runs.iter().filter(|run| run.place == place).map(|run| run.lines[0]..=run.lines[1]);
             let lines: Vec<_> =
                 self.calibration.findings.iter().filter(|it| it.place.is_none()).filter_map(|it| it.line).collect();
@@ -169,7 +169,7 @@ impl CalibrationPage<'_> {
             row.push(if is_everywhere(run.place) { remark() } else { self.verdict(set_point_c, number) });
             row
         };
-        let turns = found.runs.iter().filter(|run| matches!(run.place, Place::Turn(_)));
+        let turns = found.runs.iter().filter(|run| matches!(run.place, RunPlace::Turn(_)));
         let rows: Vec<_> = turns.map(row).collect();
         let header = ["Set point / turn", "Lines", "Time / s"].into_iter().chain(RESIDUALS).chain(["Check"]);
         page.table("Turns with their residuals", &header.collect::<Vec<_>>(), &rows);

@@ -4,8 +4,8 @@
 use crate::findings::records;
 use crate::view::{value, view};
 use isotherm_analysis::{
-    AlignmentComparison, Comparison, ComparisonRequirement, CurveComparison, Judgement, NOT_IN_THE_ERRORS, Trend,
-    Verdict,
+    AlignmentComparison, Comparison, ComparisonRequirement, Compliance, CurveComparison, CurveJudgement,
+    NOT_IN_THE_ERRORS, Trend,
 };
 use isotherm_fit::TableFile;
 use serde_json::Value;
@@ -38,7 +38,7 @@ view! { ComparisonView<'a>(comparison: &'a Comparison, temperature_unit: &'a str
     not_in_the_errors: &'a str = NOT_IN_THE_ERRORS,
     judgements: Option<Vec<JudgementView<'a>>> =
         required.map(|required| comparison.judge(required).into_iter().map(JudgementView::of).collect()),
-    verdict: Option<&'a str> = required.and_then(|required| comparison.verdict(required)).map(Verdict::name),
+    verdict: Option<&'a str> = required.and_then(|required| comparison.verdict(required)).map(Compliance::name),
 }}
 
 view! { TableView<'a>(file: &'a TableFile) {
@@ -48,7 +48,7 @@ view! { TableView<'a>(file: &'a TableFile) {
     digest: String = file.table.digest().to_string(),
 }}
 
-view! { JudgementView<'a>(judgement: Judgement) {
+view! { JudgementView<'a>(judgement: CurveJudgement) {
     verdict: &'a str = judgement.verdict.name(),
     name: String = judgement.name,
     message: String = judgement.message,

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// The partial sum of squares of one term, and its test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Partial {
+pub struct TermTest {
     /// The term's power.
     pub term: usize,
     /// Q(without the term) - Q, eq. (16).
@@ -65,9 +65,9 @@ impl Terms<'_> {
     }
 
     /// The test of the power `power`, whose coefficient is that of `term`.
-    pub(super) fn partial(&self, power: usize, term: usize) -> Partial {
+    pub(super) fn partial(&self, power: usize, term: usize) -> TermTest {
         let (sum_of_squares, f, p) = self.test(term);
-        Partial { term: power, sum_of_squares, f, p }
+        TermTest { term: power, sum_of_squares, f, p }
     }
 
     /// The term of a linear column.

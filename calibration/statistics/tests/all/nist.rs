@@ -1,6 +1,6 @@
 //! The regression compared with NIST's reference sets and with a cubic; all their figures are known to 30 digits.
 
-use isotherm_statistics::{DataPoint, DoubleDouble, Fit, Partial, Regression, Rule, choose, f_limit};
+use isotherm_statistics::{DataPoint, DoubleDouble, Fit, Regression, Rule, TermTest, choose, f_limit};
 use serde_json::Value;
 
 fn load(name: &str) -> Value {
@@ -107,7 +107,7 @@ fn every_figure_of_the_cubic_is_reproduced() {
             assert!(right > 12.0, "order {order}: {name} is {got}, {right} digits");
             least = least.min(right);
         }
-        for (Partial { term, sum_of_squares, f, p }, right) in
+        for (TermTest { term, sum_of_squares, f, p }, right) in
             fit.partial.iter().zip(right["partial"].as_array().unwrap())
         {
             for (got, name) in [(*sum_of_squares, "partial_ss"), (f.unwrap(), "F"), (p.unwrap(), "p")] {

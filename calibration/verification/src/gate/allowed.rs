@@ -22,7 +22,7 @@ pub(crate) const GATE_LEFT: f64 = 20e-6;
 pub(super) const GROUP_S: f64 = 10.0 * MIN_GROUP as f64;
 /// Why a table must not be installed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Refusal {
+pub struct GateRefusal {
     /// `no alignment`, `range`, `channel`, `runs`, `table in force`, `gyroscopes`, `latitude`, or the name of the
     /// judgement that is not met.
     pub by: &'static str,
@@ -30,7 +30,7 @@ pub struct Refusal {
     pub cause: String,
 }
 
-impl Refusal {
+impl GateRefusal {
     /// What runs that cover more of the range would show.
     pub const RUNS: &str = "runs";
     /// What more runs, at other attitudes, would show.

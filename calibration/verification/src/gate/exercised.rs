@@ -8,7 +8,7 @@
 //!   bias; see [`Occupancy`](crate::Occupancy).
 
 use super::{Gate, RANGE_TOLERANCE};
-use crate::gate::allowed::Refusal;
+use crate::gate::allowed::GateRefusal;
 use crate::stability::Coverage;
 pub use crate::stability::DRIVEN;
 use crate::stability::Stability;
@@ -24,13 +24,13 @@ const POINTS: u32 = 65;
 
 /// One of the two channels of a sensor's converter.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct Channel {
+pub struct ConverterChannel {
     kind: SensorKind,
     axis: usize,
     positive: bool,
 }
 
-impl Channel {
+impl ConverterChannel {
     fn all(kind: SensorKind) -> impl Iterator<Item = Self> {
         (0..AXES).flat_map(move |axis| [true, false].map(|positive| Self { kind, axis, positive }))
     }
@@ -67,7 +67,7 @@ impl Channel {
 }
 
 /// As in "K- of A1".
-impl fmt::Display for Channel {
+impl fmt::Display for ConverterChannel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "K{} of {}", if self.positive { '+' } else { '-' }, self.kind.names()[self.axis])
     }
@@ -75,8 +75,8 @@ impl fmt::Display for Channel {
 
 /// The channels of accelerometers that none of these specific forces \[g0\] drives.
 #[must_use]
-pub fn undriven(forces: &[[f64; AXES]]) -> Vec<Channel> {
-    let channels = Channel::all(SensorKind::Accelerometer);
+pub fn undriven(forces: &[[f64; AXES]]) -> Vec<ConverterChannel> {
+    let channels = ConverterChannel::all(SensorKind::Accelerometer);
     channels.filter(|channel| !forces.iter().any(|force| channel.is_driven(*force))).collect()
 }
 
@@ -139,13 +139,13 @@ impl Gate {
         runs: &ExercisedChannels,
         new: &CoefficientTable,
         in_force: Option<&CoefficientTable>,
-    ) -> Vec<Refusal> {
+    ) -> Vec<GateRefusal> {
         let bound = self.require.bias.unwrap_or(0.0);
         let mut found = Vec::new();
         for channel in undriven(&runs.forces) {
             let difference = in_force.and_then(|old| channel.difference(new, old)).filter(|most| *most > bound);
-            found.extend(difference.map(|most| Refusal {
-                by: Refusal::CHANNEL,
+            found.extend(difference.map(|most| GateRefusal {
+                by: GateRefusal::CHANNEL,
                 cause: format!(
                     "{channel}, which no run drives, is {:.0} ppm off the table in force, at most {:.0} ppm is allowed; verify at an attitude \
                      that drives it",
@@ -156,9 +156,9 @@ impl Gate {
         }
         if let Some((bounds, old)) = self.gyroscopes.zip(in_force) {
             found.extend(bounds.refuses(&runs.forces, new, old));
-            for channel in Channel::all(SensorKind::Gyroscope) {
+            for channel in ConverterChannel::all(SensorKind::Gyroscope) {
                 let difference = channel.difference(new, old).filter(|most| *most > bounds.relative);
-                found.extend(difference.map(|most| Refusal {
+                found.extend(difference.map(|most| GateRefusal {
                     by: "gyroscopes",
                     cause: format!(
                         "{channel}, which no run at rest shows, is {:.0} ppm off the table in force, at most {:.0} ppm is allowed; look at the turns \
@@ -171,8 +171,8 @@ impl Gate {
         }
         if !self.accepts_holes {
             let holes = runs.covered(new).into_iter().filter_map(|covered| covered.hole());
-            found.extend(holes.map(|hole| Refusal {
-                by: Refusal::RUNS,
+            found.extend(holes.map(|hole| GateRefusal {
+                by: GateRefusal::RUNS,
                 cause: format!("no run is in {hole}; verify over the whole range, or accept it: --accept not-covered"),
             }));
         }
@@ -238,7 +238,7 @@ mod tests {
                 }
             }
         });
-        let channel = Channel { kind: SensorKind::Accelerometer, axis: 0, positive: false };
+        let channel = ConverterChannel { kind: SensorKind::Accelerometer, axis: 0, positive: false };
         assert!(channel.difference(&good, &other_reference).unwrap() < 1e-12);
         assert!((channel.difference(&good, &wrong).unwrap() - 0.002).abs() < 1e-5);
     }

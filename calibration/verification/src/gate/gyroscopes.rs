@@ -9,7 +9,7 @@
 //! The misalignments are compared against the axes of the accelerometers: how the IMU sits on the fixture turns both
 //! triads alike.
 
-use super::allowed::{GATE_FLOOR, GATE_MOST, GROUP_S, Refusal, is_unexplained};
+use super::allowed::{GATE_FLOOR, GATE_MOST, GROUP_S, GateRefusal, is_unexplained};
 use super::comparison::{Worse, common_windows, errors_along, worst_of};
 use crate::requirement::Requirement;
 use crate::stability::{EarthRate, Stability};
@@ -96,8 +96,8 @@ impl GyroscopeBounds {
         forces: &[[f64; AXES]],
         new: &CoefficientTable,
         old: &CoefficientTable,
-    ) -> Vec<Refusal> {
-        let because = |what: &str, off: String, most: String| Refusal {
+    ) -> Vec<GateRefusal> {
+        let because = |what: &str, off: String, most: String| GateRefusal {
             by: "gyroscopes",
             cause: format!(
                 "{what}, which no run at rest shows, is {off} off the table in force, at most {most} is allowed; look at the turns of the campaign, \
@@ -154,8 +154,8 @@ fn misalignment(new: &CoefficientTable, old: &CoefficientTable) -> Option<(f64, 
 }
 
 /// The refusal of a table without gyroscopes that would replace one with them.
-pub(super) fn lost(new: &CoefficientTable, old: &CoefficientTable) -> Option<Refusal> {
-    (old.content().gyroscopes.is_some() && new.content().gyroscopes.is_none()).then(|| Refusal {
+pub(super) fn lost(new: &CoefficientTable, old: &CoefficientTable) -> Option<GateRefusal> {
+    (old.content().gyroscopes.is_some() && new.content().gyroscopes.is_none()).then(|| GateRefusal {
         by: "gyroscopes",
         cause: "the table in force has gyroscopes, the new one has none: their angle increments would stop; take a campaign with turns, or move that \
                 table away"
@@ -165,11 +165,11 @@ pub(super) fn lost(new: &CoefficientTable, old: &CoefficientTable) -> Option<Ref
 
 /// The refusal of a fit whose g-sensitivities look as if the latitude had the wrong sign: no run at rest can see that,
 /// since Earth's vertical rate and gravity lie along one line at every attitude.
-pub(super) fn other_hemisphere(calibration: &Calibration) -> Option<Refusal> {
+pub(super) fn other_hemisphere(calibration: &Calibration) -> Option<GateRefusal> {
     let doubt =
         |finding: &&Finding| finding.name == name::LATITUDE && !calibration.options.accept.contains(&name::LATITUDE);
     let finding = calibration.findings.iter().find(doubt)?;
-    Some(Refusal {
+    Some(GateRefusal {
         by: "latitude",
         cause: format!("{}; correct latitude_deg, or calibrate by hand with --accept latitude", finding.message),
     })

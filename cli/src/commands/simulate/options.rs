@@ -5,7 +5,7 @@ use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
 use isotherm_files::{Output, StagedText, Trust, load_table, print};
 use isotherm_shared::names::ImuId;
-use isotherm_shared::table::{CoefficientTable, Content, Refusal};
+use isotherm_shared::table::{CoefficientTable, Content, ContentFault};
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::{Chain, MISALIGNMENT, Noise, TILT_RAD, Truth, typical_gyroscopes};
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -191,8 +191,8 @@ fn chain_in(unit: &str) -> Result<(Chain, f64), Failure> {
 }
 
 /// The failure of a truth that no table can have.
-fn refused(refusals: Vec<Refusal>) -> Failure {
-    let refusals: Vec<_> = refusals.iter().map(Refusal::to_string).collect();
+fn refused(refusals: Vec<ContentFault>) -> Failure {
+    let refusals: Vec<_> = refusals.iter().map(ContentFault::to_string).collect();
     Failure::new(Exit::Config, format!("the truth cannot be a table: {}", refusals.join("; ")))
 }
 

@@ -15,7 +15,7 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::name;
 use isotherm_verification::{
-    EarthRate, Estimate, ExercisedChannels, GATE_FLOOR, Gate, LocalGravity, Refusal, Requirement, Setup, Stability,
+    EarthRate, Estimate, ExercisedChannels, GATE_FLOOR, Gate, GateRefusal, LocalGravity, Requirement, Setup, Stability,
 };
 use std::path::Path;
 use std::sync::atomic::AtomicUsize;
@@ -142,10 +142,10 @@ fn setup_of(plan: &Plan, calibration: &Calibration, attitude: &Position) -> Setu
 }
 
 /// The cause of what all runs together refuse, and what runs of another plan would show.
-fn with_remedy(plan: &Plan, Refusal { by, cause }: Refusal) -> String {
+fn with_remedy(plan: &Plan, GateRefusal { by, cause }: GateRefusal) -> String {
     let remedy = match by {
-        Refusal::RUNS => Some(plan.whole_range()),
-        Refusal::CHANNEL => plan.more_runs(),
+        GateRefusal::RUNS => Some(plan.whole_range()),
+        GateRefusal::CHANNEL => plan.more_runs(),
         _ => None,
     };
     remedy.map_or_else(|| cause.clone(), |remedy| format!("{cause}: {remedy}"))
@@ -199,7 +199,7 @@ impl FittedTable {
                 "{cause}; so nothing shows that the new table is not worse: move the table in force away, or accept it: --accept not-compared"
             )
         });
-        let causes = gate.refuses_run(&stability, present.as_ref()).into_iter().map(|Refusal { cause, .. }| cause);
+        let causes = gate.refuses_run(&stability, present.as_ref()).into_iter().map(|GateRefusal { cause, .. }| cause);
         let causes = causes.chain(not_compared);
         let refused = Some(causes.collect::<Vec<_>>().join("\n")).filter(|causes| !causes.is_empty());
         Ok(RunVerdict { largest, refused })

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// Faults begin within this time \[s\].
 const FAULTY_S: f64 = 1200.0;
 /// Number of seeds of a plan.
-const SEEDS: u64 = 150;
+const SEEDS: u64 = 40;
 
 fn from_environment(name: &str) -> Option<u64> {
     std::env::var(name).ok().and_then(|number| number.parse().ok())

@@ -1,6 +1,6 @@
 //! The rows of a DataFlash log: those of `IMU`, with what ArduPilot had corrected undone.
 
-use super::dataflash::{DataFlashMessage, DataFlashMessages, Encoding};
+use super::dataflash::{DataFlashMessage, DataFlashMessages, LogEncoding};
 use super::dataflash_format::ImuColumns;
 use super::imu::{
     FoundImu, ImuOfLog, LOG_ACCELERATION_PULSE, LOG_RATE_PULSE, NO_TEMPERATURE, Values, choose, found, take, units,
@@ -13,7 +13,7 @@ use super::timeline::{Sieve, StampPlace, UsableTimes};
 use super::undo::{Corrections, concerns, devices};
 use isotherm_recording::foreign::Units;
 use isotherm_recording::foreign::VehicleState;
-use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, PLACEHOLDER, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -72,7 +72,7 @@ impl DataFlashSource {
         mut data: OpenData<'_>,
         settings: &LogSettings,
         temperature: Option<f64>,
-        encoding: Encoding,
+        encoding: LogEncoding,
     ) -> Result<Self, Failure> {
         let path = data.source.name();
         let refused = |message: &str| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
@@ -103,7 +103,7 @@ impl DataFlashSource {
     ///
     /// # Errors
     /// If it has no rows; of reading.
-    pub fn imus(mut data: OpenData<'_>, encoding: Encoding) -> Result<Vec<FoundImu>, Failure> {
+    pub fn imus(mut data: OpenData<'_>, encoding: LogEncoding) -> Result<Vec<FoundImu>, Failure> {
         DataFlashContents::of(&mut data, encoding).map(|contents| found(&contents.imus()))
     }
 
@@ -256,7 +256,7 @@ impl DataFlashMessage<'_> {
     }
 }
 
-impl RowSource for DataFlashSource {
+impl ForeignRows for DataFlashSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let Some(message) = self.messages.next()? else { return Ok(None) };
@@ -355,7 +355,7 @@ impl RowSource for DataFlashSource {
 
 impl DataFlashContents {
     /// What a log has: one IMU at least.
-    fn of(data: &mut OpenData<'_>, encoding: Encoding) -> Result<Self, Failure> {
+    fn of(data: &mut OpenData<'_>, encoding: LogEncoding) -> Result<Self, Failure> {
         let mut first = DataFlashMessages::new(take(data)?, encoding);
         let failed = |error: RecordingError| error.failure(data.name());
         let contents = Self::read(&mut first).map_err(failed)?;

@@ -23,7 +23,7 @@ const MAX_FORMATS: usize = 1000;
 
 /// How a log is written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Encoding {
+pub enum LogEncoding {
     /// Binary, as the autopilot writes it.
     Binary,
     /// As ground stations write it.
@@ -32,7 +32,7 @@ pub enum Encoding {
     Json,
 }
 
-impl Encoding {
+impl LogEncoding {
     /// That of a log that begins with these bytes; `None` of other data. Before the first definition there may be what
     /// a console or a damaged card put there.
     pub fn of(beginning: &[u8]) -> Option<Self> {
@@ -95,12 +95,12 @@ fn is_wanted(name: &str) -> bool {
 }
 
 impl DataFlashMessages {
-    pub(super) fn new(source: Box<dyn Read>, encoding: Encoding) -> Self {
+    pub(super) fn new(source: Box<dyn Read>, encoding: LogEncoding) -> Self {
         let definitions = Rc::new(MessageFormat::of_definitions());
-        if encoding != Encoding::Binary {
+        if encoding != LogEncoding::Binary {
             let formats = HashMap::from([(definitions.name.clone(), definitions)]);
             let source = BufReader::with_capacity(1 << 16, source);
-            let (text, is_json, damage) = (String::new(), encoding == Encoding::Json, Damage::default());
+            let (text, is_json, damage) = (String::new(), encoding == LogEncoding::Json, Damage::default());
             return Self::Text(Text { source, line: 0, text, formats, is_json, damage });
         }
         let mut formats = vec![None; 1 << 8];

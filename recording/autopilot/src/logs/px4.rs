@@ -16,7 +16,7 @@ use super::ulog::{UlogMessages, UlogTopic, error};
 use super::ulog_format::SensorRow;
 use isotherm_recording::foreign::Units;
 use isotherm_recording::foreign::VehicleState;
-use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, PLACEHOLDER, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
@@ -307,7 +307,7 @@ impl LogThermometer {
     }
 }
 
-impl RowSource for UlogSource {
+impl ForeignRows for UlogSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let next = self.sensor()?;

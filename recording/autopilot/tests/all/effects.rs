@@ -1,7 +1,7 @@
 //! What parameters cannot say: refused by name, or dropped with its size.
 
 use crate::common::{DEVICES, mixed, parsed, subtracted, table};
-use isotherm_autopilot::{Autopilot, Effect, ExportError, ExportOptions, Loss, Parameters, export};
+use isotherm_autopilot::{Autopilot, Effect, EffectLoss, ExportError, ExportOptions, Parameters, export};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content};
 use isotherm_shared::units::{ARCSEC, SensorKind};
@@ -22,7 +22,7 @@ fn changed(change: impl FnOnce(&mut Content)) -> CoefficientTable {
     CoefficientTable::new(content).unwrap()
 }
 
-fn losses(table: &CoefficientTable, options: &ExportOptions) -> Vec<Loss> {
+fn losses(table: &CoefficientTable, options: &ExportOptions) -> Vec<EffectLoss> {
     match export(table, options) {
         Err(ExportError::Effects(losses)) => losses,
         other => panic!("{other:?}"),
@@ -30,7 +30,7 @@ fn losses(table: &CoefficientTable, options: &ExportOptions) -> Vec<Loss> {
 }
 
 /// The one effect that both autopilots refuse, and leave out if they are told to; no other name leaves it out.
-fn refused(table: &CoefficientTable, effect: Effect) -> Loss {
+fn refused(table: &CoefficientTable, effect: Effect) -> EffectLoss {
     let others: Vec<_> = Effect::NAMES.iter().map(|(other, _)| *other).filter(|other| *other != effect).collect();
     let mut all = Vec::new();
     for autopilot in BOTH {

@@ -18,7 +18,7 @@ use super::stream::{RowStream, located};
 use core::f64::consts::TAU;
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::Units;
-use isotherm_recording::foreign::{ForeignRow, RowSource};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
@@ -233,7 +233,7 @@ fn difference(a: u64, b: u64) -> f64 {
     (i128::from(a) - i128::from(b)) as f64
 }
 
-impl RowSource for JoinedSource {
+impl ForeignRows for JoinedSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             // The last row may get further readings.

@@ -3,9 +3,9 @@
 use super::novatel::{self, NovatelSource};
 use super::ros::RosSource;
 use super::settings::{Settings, TimeSource};
-use isotherm_autopilot::logs::{DataFlashSource, Encoding, FoundImu, GyroscopeTemperature, UlogSource, is_ulog};
+use isotherm_autopilot::logs::{DataFlashSource, FoundImu, GyroscopeTemperature, LogEncoding, UlogSource, is_ulog};
 use isotherm_recording::columns::MCAP_MAGIC;
-use isotherm_recording::foreign::{OpenData, RowSource};
+use isotherm_recording::foreign::{ForeignRows, OpenData};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 
@@ -18,7 +18,7 @@ pub(super) enum KnownFormat {
     /// Of PX4.
     Ulog,
     /// Of ArduPilot.
-    DataFlash(Encoding),
+    DataFlash(LogEncoding),
 }
 
 impl KnownFormat {
@@ -33,7 +33,7 @@ impl KnownFormat {
         if novatel::is_log(beginning) {
             return Some(Self::Novatel);
         }
-        Encoding::of(beginning).map(Self::DataFlash)
+        LogEncoding::of(beginning).map(Self::DataFlash)
     }
 
     /// The rows of the data. ROS messages may have other units, one of which is `units` \[m/s2, rad/s\].
@@ -43,7 +43,7 @@ impl KnownFormat {
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn RowSource>, Failure> {
+    ) -> Result<Box<dyn ForeignRows>, Failure> {
         Ok(match self {
             Self::Mcap => RosSource::open(data, settings, temperature, units)?,
             Self::Novatel => Box::new(NovatelSource::new(data.bytes, temperature)),

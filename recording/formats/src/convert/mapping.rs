@@ -37,7 +37,7 @@ pub struct Mapping {
     /// Number of lines above the header, or above the first row.
     pub skip: u64,
     /// The time.
-    pub time: Time,
+    pub time: RowTimes,
     /// The accelerometers.
     pub accelerometer: Sensors,
     /// The gyroscopes, if the IMU has any.
@@ -72,7 +72,7 @@ impl Decimal {
 
 /// The time of the rows.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
-pub struct Time {
+pub struct RowTimes {
     /// The column and its unit; `None`: the rows are `interval_ns` apart.
     pub column: Option<(ColumnRef, TimeUnit)>,
     /// The column of the time of the day, where that of the date is another one.
@@ -190,7 +190,7 @@ impl Mapping {
         let time = match labels.is_some() || has_gate && !root.has("time") {
             true => {
                 root.ignore("time");
-                Some(Time::default())
+                Some(RowTimes::default())
             }
             false => root.section("time", "a section [time]").map(|section| time(section, header, given_ns, has_gate)),
         };
@@ -317,9 +317,9 @@ fn differing(accelerometer: &Sensors, gyroscope: &Sensors) -> Option<(&'static s
 }
 
 /// The section of the time. With `has_gate` the gate is the nominal interval.
-fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate: bool) -> Time {
+fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate: bool) -> RowTimes {
     let (column, of_day) = time_columns(&section, header);
-    let time = Time { column, of_day, interval_ns: interval(&section, given_ns) };
+    let time = RowTimes { column, of_day, interval_ns: interval(&section, given_ns) };
     if has_gate && section.has("interval_s") {
         section.fault("interval_s", "is there beside gate_s, which is the interval of every row; leave it out");
     } else if !section.has("column") && !section.has("interval_s") && given_ns.is_none() && !has_gate {
@@ -376,7 +376,7 @@ mod tests {
         let name = |name: &str| ColumnRef::Name(name.to_owned());
         assert_eq!(
             mapping.time,
-            Time { column: Some((name("t"), TimeUnit::Power(6))), of_day: None, interval_ns: Some(10_000_000) }
+            RowTimes { column: Some((name("t"), TimeUnit::Power(6))), of_day: None, interval_ns: Some(10_000_000) }
         );
         assert_eq!(mapping.accelerometer.columns, ["x", "y", "z"].map(name));
         assert_eq!((mapping.accelerometer.offset, mapping.accelerometer.resolution), (0.0, None));

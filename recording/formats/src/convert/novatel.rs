@@ -14,7 +14,7 @@
 use super::text::{BadRows, Fault};
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::Units;
-use isotherm_recording::foreign::{ForeignRow, PLACEHOLDER, RowSource, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, PLACEHOLDER, placeholder};
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
 use std::io::{BufRead as _, BufReader, Read};
@@ -143,7 +143,7 @@ impl NovatelSource {
     }
 }
 
-impl RowSource for NovatelSource {
+impl ForeignRows for NovatelSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             self.text.clear();

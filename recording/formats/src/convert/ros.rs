@@ -10,10 +10,10 @@ use super::stream::RowStream;
 use super::unit::Quantity;
 use crate::read::records::Records;
 use crate::read::skip::ChannelFilter;
-use crate::ros::{Encoding, IMU, Imu, TEMPERATURE, Temperature};
+use crate::ros::{Encoding, IMU, ImuMessage, TEMPERATURE, TemperatureMessage};
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::Units;
-use isotherm_recording::foreign::{ForeignRow, OpenData, PLACEHOLDER, RowSource, placeholder, pulses};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, PLACEHOLDER, placeholder, pulses};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -172,7 +172,7 @@ impl RosSource {
         settings: &Settings,
         temperature: Option<f64>,
         units: [f64; 2],
-    ) -> Result<Box<dyn RowSource>, Failure> {
+    ) -> Result<Box<dyn ForeignRows>, Failure> {
         let path = data.source.name();
         if path == Path::new("-") {
             return Err(Failure::new(
@@ -233,7 +233,7 @@ impl RosSource {
     }
 
     /// Reads the first row.
-    fn begin(mut self) -> Result<Box<dyn RowSource>, RecordingError> {
+    fn begin(mut self) -> Result<Box<dyn ForeignRows>, RecordingError> {
         self.first = self.next_reading(true)?;
         Ok(Box::new(self))
     }
@@ -245,12 +245,13 @@ impl RosSource {
             if channel.kind != MessageKind::Imu || channel.topic != self.topic {
                 continue;
             }
-            let reading = Imu::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, log_ns, is_first));
+            let reading =
+                ImuMessage::decode(channel.encoding, &data).and_then(|imu| self.reading(&imu, log_ns, is_first));
             return reading.map(Some).map_err(|message| self.messages.error(self.messages.count(), message));
         }
     }
 
-    fn reading(&mut self, imu: &Imu, log_ns: u64, is_first: bool) -> Result<ForeignRow, String> {
+    fn reading(&mut self, imu: &ImuMessage, log_ns: u64, is_first: bool) -> Result<ForeignRow, String> {
         let no_acceleration = "no linear_acceleration: the first element of its covariance is -1";
         let acceleration = match self.wanted {
             SensorChoice::Gyroscopes => [0.0; AXES],
@@ -289,7 +290,7 @@ impl RosSource {
     }
 }
 
-impl RowSource for RosSource {
+impl ForeignRows for RosSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
@@ -374,7 +375,7 @@ impl BagContents {
         let mut contents = Self::default();
         while let Some((channel, data, log_ns)) = messages.next()? {
             if channel.kind == MessageKind::Temperature {
-                let temperature = Temperature::decode(channel.encoding, &data);
+                let temperature = TemperatureMessage::decode(channel.encoding, &data);
                 let temperature = temperature.map_err(|message| messages.error(messages.count(), message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
                 let time_ns = if time == TimeSource::Header { temperature.stamp_ns } else { log_ns };
@@ -383,7 +384,7 @@ impl BagContents {
                 let seen = contents.imus.entry(channel.topic.clone()).or_default();
                 seen.messages += 1;
                 // What cannot be read is an error where the rows are.
-                if let Ok(imu) = Imu::decode(channel.encoding, &data) {
+                if let Ok(imu) = ImuMessage::decode(channel.encoding, &data) {
                     let has = |vector: Option<[f64; 3]>| vector.is_some_and(|of| of.iter().any(|value| *value != 0.0));
                     seen.accelerations |= has(imu.linear_acceleration);
                     seen.rates |= has(imu.angular_velocity);

@@ -7,7 +7,7 @@ use super::interval::{self, IntervalShape};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
 use isotherm_recording::RecordingError;
-use isotherm_recording::foreign::{ForeignRow, RowSource};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows};
 use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
@@ -20,7 +20,7 @@ const FEW: u64 = 50;
 
 /// The rows of a source.
 pub(super) struct StampedRows {
-    pub(super) source: Box<dyn RowSource>,
+    pub(super) source: Box<dyn ForeignRows>,
     /// Where the times come from.
     time: TimeSource,
     /// Rows that have been read ahead.
@@ -46,7 +46,7 @@ impl StampedRows {
     ///
     /// # Errors
     /// If there is no row, or if all stamps are the same.
-    pub(super) fn new(source: Box<dyn RowSource>, time: TimeSource) -> Result<Self, RecordingError> {
+    pub(super) fn new(source: Box<dyn ForeignRows>, time: TimeSource) -> Result<Self, RecordingError> {
         let adds_up = source.counts_since_the_row_before();
         let mut rows = Self {
             source,

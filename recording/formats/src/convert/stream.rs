@@ -3,7 +3,7 @@
 use super::settings::TimeSource;
 use super::stamped::StampedRows;
 use isotherm_recording::RecordingError;
-use isotherm_recording::foreign::{ForeignRow, RowSource};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ impl RowStream {
     /// # Errors
     /// Of the rows; if they have no times that rise, or count over the time since the row before.
     pub(super) fn new(
-        source: Box<dyn RowSource>,
+        source: Box<dyn ForeignRows>,
         time: TimeSource,
         are_gyroscopes: bool,
         name: String,

@@ -23,7 +23,7 @@ use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, CsvColumn, Rows, missing_columns};
 use isotherm_recording::foreign::Counter;
 use isotherm_recording::foreign::Units;
-use isotherm_recording::foreign::{ForeignRow, RowSource, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, placeholder};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::Finding;
@@ -347,7 +347,7 @@ fn checked(line: &[u8]) -> Result<(), String> {
     }
 }
 
-impl RowSource for TextSource {
+impl ForeignRows for TextSource {
     fn read(&mut self) -> Result<Option<ForeignRow>, RecordingError> {
         loop {
             let (fault, message) = match self.rows.next_row() {

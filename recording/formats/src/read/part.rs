@@ -15,7 +15,7 @@ const TOLERANCE_NS: f64 = 1.0;
 
 /// A time in a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Moment {
+pub enum RecordingTime {
     /// Time since the first row of the recording begins \[s\]: its time stamp less its interval.
     Seconds(f64),
     /// A time stamp, as the rows have it \[ns\].
@@ -24,7 +24,7 @@ pub enum Moment {
 
 /// A number of seconds; a time stamp as `12500000000ns`; or a time as ISO 8601 has it, for rows whose stamps count from
 /// 1970 or from midnight.
-impl FromStr for Moment {
+impl FromStr for RecordingTime {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -44,7 +44,7 @@ const EXPECTED: &str = "give seconds since the begin of the recording, from 0 an
                         12500000000ns or 2026-05-01T12:34:56Z";
 
 /// `600 s`, `12500000000ns`.
-impl fmt::Display for Moment {
+impl fmt::Display for RecordingTime {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Seconds(seconds) => write!(f, "{seconds} s"),
@@ -59,30 +59,30 @@ impl fmt::Display for Moment {
 /// included. Reading ends at the first row after it: what comes later is neither read nor judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Part {
-    from: Option<Moment>,
-    to: Option<Moment>,
+    from: Option<RecordingTime>,
+    to: Option<RecordingTime>,
 }
 
 impl Part {
     /// The part between two moments; `None` where there is no limit.
     ///
     /// ```
-    /// use isotherm_recording_formats::read::{Moment, Part};
+    /// use isotherm_recording_formats::read::{RecordingTime, Part};
     ///
     /// # fn main() -> Result<(), String> {
-    /// let part = Part::new(Some("600".parse()?), Some(Moment::Seconds(1200.0)))?;
+    /// let part = Part::new(Some("600".parse()?), Some(RecordingTime::Seconds(1200.0)))?;
     /// assert_eq!(part.to_string(), "from 600 s to 1200 s");
-    /// assert!(Part::new(Some("600".parse()?), Some(Moment::Seconds(600.0))).is_err());
+    /// assert!(Part::new(Some("600".parse()?), Some(RecordingTime::Seconds(600.0))).is_err());
     /// # Ok(())
     /// # }
     /// ```
     ///
     /// # Errors
     /// If the first is not before the second, as far as they can be compared.
-    pub fn new(from: Option<Moment>, to: Option<Moment>) -> Result<Self, String> {
+    pub fn new(from: Option<RecordingTime>, to: Option<RecordingTime>) -> Result<Self, String> {
         let ordered = match (from, to) {
-            (Some(Moment::Seconds(from)), Some(Moment::Seconds(to))) => from < to,
-            (Some(Moment::Stamp(from)), Some(Moment::Stamp(to))) => from < to,
+            (Some(RecordingTime::Seconds(from)), Some(RecordingTime::Seconds(to))) => from < to,
+            (Some(RecordingTime::Stamp(from)), Some(RecordingTime::Stamp(to))) => from < to,
             _ => true,
         };
         if ordered { Ok(Self { from, to }) } else { Err(format!("{} is not before {}", told(from), told(to))) }
@@ -196,7 +196,7 @@ impl Iterator for ConversionPart {
 }
 
 /// A moment that is there.
-fn told(moment: Option<Moment>) -> String {
+fn told(moment: Option<RecordingTime>) -> String {
     moment.map_or_else(String::new, |moment| moment.to_string())
 }
 
@@ -237,12 +237,12 @@ impl Clip {
         *last_ns = ends_ns;
         let since_ns = |ns: i128| (ns - *begin_ns) as f64;
         let is_before = self.part.from.is_some_and(|from| match from {
-            Moment::Seconds(seconds) => since_ns(begins_ns) < seconds * 1e9 - TOLERANCE_NS,
-            Moment::Stamp(from_ns) => stamp_ns < from_ns,
+            RecordingTime::Seconds(seconds) => since_ns(begins_ns) < seconds * 1e9 - TOLERANCE_NS,
+            RecordingTime::Stamp(from_ns) => stamp_ns < from_ns,
         });
         let is_after = self.part.to.is_some_and(|to| match to {
-            Moment::Seconds(seconds) => since_ns(ends_ns) > seconds * 1e9 + TOLERANCE_NS,
-            Moment::Stamp(to_ns) => stamp_ns > to_ns,
+            RecordingTime::Seconds(seconds) => since_ns(ends_ns) > seconds * 1e9 + TOLERANCE_NS,
+            RecordingTime::Stamp(to_ns) => stamp_ns > to_ns,
         });
         let offset_s = since_ns(begins_ns) / 1e9;
         if is_after {
@@ -319,15 +319,15 @@ mod tests {
     #[test]
     fn what_is_no_moment_is_refused() {
         for wrong in ["", "-1", "nan", "inf", "1e9", "1.5ns", "ns", "600s", "yesterday"] {
-            assert!(wrong.parse::<Moment>().is_err_and(|message| message.contains("seconds")), "{wrong}");
+            assert!(wrong.parse::<RecordingTime>().is_err_and(|message| message.contains("seconds")), "{wrong}");
         }
-        let stamp = |ns| Some(Moment::Stamp(ns));
+        let stamp = |ns| Some(RecordingTime::Stamp(ns));
         assert!(Part::new(stamp(5), stamp(5)).is_err() && Part::new(stamp(5), stamp(6)).is_ok());
     }
 
     #[test]
     fn a_part_without_rows_says_what_there_is() {
-        let mut clip = Clip::new(Part::new(Some(Moment::Seconds(7.0)), None).unwrap());
+        let mut clip = Clip::new(Part::new(Some(RecordingTime::Seconds(7.0)), None).unwrap());
         assert!(clip.check(Path::new("r.csv")).is_ok());
         clip.judge_times(5_100_000_000, 100_000_000);
         let failure = clip.check(Path::new("r.csv")).unwrap_err();

@@ -7,7 +7,7 @@
 
 use super::growing::Appender;
 use super::mcap::{MemorySink, io_error, options};
-use crate::ros::{IMU, IMU_DEFINITION, Imu, TEMPERATURE, TEMPERATURE_DEFINITION, Temperature};
+use crate::ros::{IMU, IMU_DEFINITION, ImuMessage, TEMPERATURE, TEMPERATURE_DEFINITION, TemperatureMessage};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::ImuId;
@@ -155,7 +155,7 @@ impl<W: Write> RosWriter<W> {
         let seconds = increment.interval_ns as f64 / 1e9;
         let mean = |over: [f64; AXES]| over.map(|value| value / seconds);
         let has_gyroscopes = Layout::of(&StreamSample::Increment(*increment)).gyroscopes;
-        let message = Imu {
+        let message = ImuMessage {
             stamp_ns: increment.timestamp_ns,
             frame_id: imu.id.to_string(),
             angular_velocity: has_gyroscopes.then(|| mean(increment.angle_increment)),
@@ -181,7 +181,7 @@ impl<W: Write> RosWriter<W> {
         let heads = raw.accelerometers.head_temperature;
         let celsius = heads[0] + ((heads[1] - heads[0]) + (heads[2] - heads[0])) / AXES as f64;
         self.message.clear();
-        Temperature { stamp_ns, frame_id: imu.id.to_string(), celsius }
+        TemperatureMessage { stamp_ns, frame_id: imu.id.to_string(), celsius }
             .encode(&mut self.message)
             .map_err(|message| io::Error::new(io::ErrorKind::InvalidData, message))?;
         imu.sequence[1] = imu.sequence[1].wrapping_add(1);

@@ -3,7 +3,7 @@
 use isotherm_files::{Disk, source};
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, Settings};
-use isotherm_recording_formats::ros::{Imu, Temperature};
+use isotherm_recording_formats::ros::{ImuMessage, TemperatureMessage};
 use isotherm_recording_formats::write::{Files, Format, RosTable, RosWriter, Rotation};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::names::StreamKind;
@@ -50,14 +50,14 @@ impl Bag {
         self
     }
 
-    pub(crate) fn imu(&mut self, topic: &str, imu: &Imu) -> &mut Self {
+    pub(crate) fn imu(&mut self, topic: &str, imu: &ImuMessage) -> &mut Self {
         let mut data = Vec::new();
         imu.encode(&mut data).unwrap();
         self.message("sensor_msgs/msg/Imu", "cdr", topic, &data)
     }
 
     /// An IMU's message that was recorded at this time \[ns\].
-    pub(crate) fn imu_at(&mut self, log_time: u64, topic: &str, imu: &Imu) -> &mut Self {
+    pub(crate) fn imu_at(&mut self, log_time: u64, topic: &str, imu: &ImuMessage) -> &mut Self {
         let mut data = Vec::new();
         imu.encode(&mut data).unwrap();
         self.message_at(log_time, "sensor_msgs/msg/Imu", "cdr", topic, &data)
@@ -65,7 +65,7 @@ impl Bag {
 
     pub(crate) fn temperature(&mut self, topic: &str, stamp_ns: u64, celsius: f64) -> &mut Self {
         let mut data = Vec::new();
-        Temperature { stamp_ns, frame_id: "t".to_owned(), celsius }.encode(&mut data).unwrap();
+        TemperatureMessage { stamp_ns, frame_id: "t".to_owned(), celsius }.encode(&mut data).unwrap();
         self.message("sensor_msgs/msg/Temperature", "cdr", topic, &data)
     }
 
@@ -88,8 +88,8 @@ fn convert(bytes: &[u8], settings: &Settings) -> Result<(Vec<RawSample>, Vec<Str
     Ok((samples, told(&conversion)))
 }
 
-pub(crate) fn imu(number: u64) -> Imu {
-    Imu {
+pub(crate) fn imu(number: u64) -> ImuMessage {
+    ImuMessage {
         stamp_ns: BEGIN + number * STEP,
         frame_id: "imu_link".to_owned(),
         angular_velocity: Some([0.5, -0.25, 1e-6 * number as f64]),
@@ -153,7 +153,7 @@ fn both_byte_orders_and_the_layout_of_ros_1_are_read() {
 fn of_several_topics_one_is_chosen() {
     let bag = || {
         let mut bag = Bag::new();
-        bag.imu("/left", &imu(0)).imu("/right", &Imu { linear_acceleration: Some([1.0; 3]), ..imu(0) });
+        bag.imu("/left", &imu(0)).imu("/right", &ImuMessage { linear_acceleration: Some([1.0; 3]), ..imu(0) });
         bag.temperature("/t1", BEGIN, 10.0).temperature("/t2", BEGIN, 20.0);
         bag
     };
@@ -200,13 +200,13 @@ fn what_cannot_be_converted_is_refused_with_the_topics_found() {
     bag.message("isotherm.RawSample", "protobuf", "isotherm/imu-a/raw", b"");
     assert!(refused(bag).contains("a recording of Isotherm needs no conversion"));
     let mut bag = Bag::new();
-    bag.imu("/imu", &Imu { linear_acceleration: None, ..imu(0) });
+    bag.imu("/imu", &ImuMessage { linear_acceleration: None, ..imu(0) });
     assert!(refused(bag).contains("message 1: no linear_acceleration"));
     let mut bag = Bag::new();
-    bag.imu("/imu", &imu(0)).imu("/imu", &Imu { angular_velocity: None, ..imu(1) });
+    bag.imu("/imu", &imu(0)).imu("/imu", &ImuMessage { angular_velocity: None, ..imu(1) });
     assert!(refused(bag).contains("message 2: no angular_velocity, unlike the first"));
     let mut bag = Bag::new();
-    bag.imu("/imu", &Imu { linear_acceleration: Some([0.0, 5000.0, 0.0]), ..imu(0) });
+    bag.imu("/imu", &ImuMessage { linear_acceleration: Some([0.0, 5000.0, 0.0]), ..imu(0) });
     assert!(refused(bag).contains("message 1: linear_acceleration.y: 5000 is 5000000000 pulses"));
     let mut bag = Bag::new();
     bag.message("sensor_msgs/msg/Imu", "cdr", "/imu", &[0, 1, 0, 0, 5]);

@@ -5,7 +5,7 @@ use isotherm_files::sources;
 use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
-use isotherm_recording_formats::ros::Imu;
+use isotherm_recording_formats::ros::ImuMessage;
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::Exit;
 use std::fmt::Write as _;
@@ -256,8 +256,8 @@ fn increments_keep_the_counts_of_a_row_that_is_left_out() {
     assert_eq!((samples.len(), sum, samples[800].interval_ns.abs_diff(3 * 2_403_846) < 2000), (1498, 16_022_000, true));
 }
 
-fn stamped(number: u64, stamp_ns: u64) -> Imu {
-    Imu { stamp_ns, ..imu(number) }
+fn stamped(number: u64, stamp_ns: u64) -> ImuMessage {
+    ImuMessage { stamp_ns, ..imu(number) }
 }
 
 #[test]

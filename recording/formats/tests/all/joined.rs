@@ -6,7 +6,7 @@ use isotherm_files::{source, sources};
 use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Recording, RowKind};
-use isotherm_recording_formats::ros::Imu;
+use isotherm_recording_formats::ros::ImuMessage;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_support::failure::{Exit, Failure};
@@ -65,11 +65,11 @@ fn bag(accelerometers: &[(u64, f64)], gyroscopes: &[(u64, f64)], absent: Option<
     let mut bag = Bag::new();
     for (stamp_ns, value) in accelerometers {
         let linear_acceleration = Some([*value, -0.123_4, 0.3]);
-        bag.imu(ACCEL, &Imu { stamp_ns: *stamp_ns, linear_acceleration, angular_velocity: absent, ..imu(0) });
+        bag.imu(ACCEL, &ImuMessage { stamp_ns: *stamp_ns, linear_acceleration, angular_velocity: absent, ..imu(0) });
     }
     for (stamp_ns, value) in gyroscopes {
         let angular_velocity = Some([*value, 0.001_7, -0.002_3]);
-        bag.imu(GYRO, &Imu { stamp_ns: *stamp_ns, linear_acceleration: absent, angular_velocity, ..imu(0) });
+        bag.imu(GYRO, &ImuMessage { stamp_ns: *stamp_ns, linear_acceleration: absent, angular_velocity, ..imu(0) });
     }
     bag.bytes()
 }
@@ -223,8 +223,8 @@ fn topics_are_joined_where_two_have_one_kind_each_or_are_named() {
     // Three topics are a choice, which the message names.
     let mut bag = Bag::new();
     for row in 0..50 {
-        bag.imu("/imu", &imu(row)).imu(ACCEL, &Imu { angular_velocity: None, ..imu(row) });
-        bag.imu(GYRO, &Imu { linear_acceleration: None, ..imu(row) });
+        bag.imu("/imu", &imu(row)).imu(ACCEL, &ImuMessage { angular_velocity: None, ..imu(row) });
+        bag.imu(GYRO, &ImuMessage { linear_acceleration: None, ..imu(row) });
     }
     let three = files.write("b.mcap", bag.bytes());
     let refused = |settings: &Settings| converted(&three, settings).map(drop).unwrap_err();

@@ -4,7 +4,7 @@ use crate::foreign::{Files, foreign};
 use isotherm_files::sources;
 use isotherm_recording::Progress;
 use isotherm_recording::RecordingError;
-use isotherm_recording_formats::read::{ImuChoice, Input, Moment, Part, Recording, RowKind};
+use isotherm_recording_formats::read::{ImuChoice, Input, Part, Recording, RecordingTime, RowKind};
 use sha2::{Digest as _, Sha256};
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ fn text(tenths: core::ops::Range<u32>) -> String {
 }
 
 fn open(files: &[PathBuf], from: f64, to: f64) -> Recording {
-    let part = Part::new(Some(Moment::Seconds(from)), Some(Moment::Seconds(to))).unwrap();
+    let part = Part::new(Some(RecordingTime::Seconds(from)), Some(RecordingTime::Seconds(to))).unwrap();
     let input = Input::from((ImuChoice::Any, foreign(Some(MAPPING)))).within(part);
     Recording::open_hashed(&sources(files).unwrap(), RowKind::Sample, input, &Progress::default()).unwrap()
 }

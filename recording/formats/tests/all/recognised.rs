@@ -4,7 +4,7 @@ use crate::convert_ros::{Bag, imu};
 use crate::foreign::Files;
 use isotherm_files::source;
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
-use isotherm_recording_formats::ros::Imu;
+use isotherm_recording_formats::ros::ImuMessage;
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
 use std::fmt::Write as _;
@@ -205,7 +205,7 @@ fn text_of(header: &str, row: &str) -> String {
 fn messages_of_ros_in_other_units_are_told_by_a_mapping() {
     let mut bag = Bag::new();
     for number in 0..20 {
-        let message = Imu {
+        let message = ImuMessage {
             linear_acceleration: Some(FORCE.map(|force| force / 9.80665)),
             angular_velocity: Some(RATES.map(|rate| rate / DEGREE)),
             ..imu(number)

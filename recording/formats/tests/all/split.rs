@@ -6,7 +6,7 @@ use isotherm_files::sources;
 use isotherm_recording::Progress;
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, Recording, RowKind};
-use isotherm_recording_formats::ros::Imu;
+use isotherm_recording_formats::ros::ImuMessage;
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
 use std::fs;
@@ -18,7 +18,7 @@ const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accele
 fn bag(rows: core::ops::Range<u64>) -> Vec<u8> {
     let mut bag = Bag::new();
     for row in rows {
-        bag.imu("/imu", &Imu { linear_acceleration: Some([row as f64 * 1e-3, 0.1, -9.7]), ..imu(row) });
+        bag.imu("/imu", &ImuMessage { linear_acceleration: Some([row as f64 * 1e-3, 0.1, -9.7]), ..imu(row) });
     }
     bag.bytes()
 }
@@ -109,7 +109,7 @@ fn lost_rows_between_pieces_are_missing_and_a_pause_or_another_rate_is_another_s
     // Another rate.
     let mut slower = Bag::new();
     for row in 0..100 {
-        slower.imu("/imu", &Imu { stamp_ns: BEGIN + 300 * STEP + row * 2 * STEP, ..imu(0) });
+        slower.imu("/imu", &ImuMessage { stamp_ns: BEGIN + 300 * STEP + row * 2 * STEP, ..imu(0) });
     }
     let (rows, note) = joined(slower.bytes());
     assert!(rows == [(0, 0), (2, 0)] && note.ends_with("has another interval"), "{rows:?} {note}");

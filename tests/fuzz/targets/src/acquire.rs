@@ -4,7 +4,7 @@
 //! counted. The samples made of them have sequences and times that rise.
 
 use crate::check_faults;
-use isotherm_acquire::{Arrival, Description, PROFILES, SkippedBytes, StreamDecoder, samples_of};
+use isotherm_acquire::{Description, FrameArrival, PROFILES, SkippedBytes, StreamDecoder, samples_of};
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use std::sync::LazyLock;
@@ -66,7 +66,7 @@ fn decode(description: &Description, stream: &[u8], lengths: &[usize]) -> Option
     let mut decoder = StreamDecoder::new(description)?;
     let mut decoded = Decoded::default();
     for piece in pieces(stream, lengths) {
-        decoder.push(piece, Arrival::default(), &mut |found| {
+        decoder.push(piece, FrameArrival::default(), &mut |found| {
             decoded.rows.push(found.row.iter().map(|value| (value.number.to_bits(), value.whole)).collect());
             decoded.sizes.push((found.bytes, found.damaged));
         });
@@ -93,7 +93,7 @@ fn check(description: &Description, stream: &[u8], lengths: &[usize]) {
     let timed = pieces(stream, lengths).map(|piece| {
         let after_ns = by_ns;
         by_ns += piece.len() as u64 * 1_000_000;
-        (piece, Some(Arrival { after_ns, by_ns }))
+        (piece, Some(FrameArrival { after_ns, by_ns }))
     });
     check_samples(description, timed, frames);
 }
@@ -101,7 +101,7 @@ fn check(description: &Description, stream: &[u8], lengths: &[usize]) {
 /// Checks every guarantee about the samples of a stream.
 fn check_samples<'a>(
     description: &Description,
-    pieces: impl Iterator<Item = (&'a [u8], Option<Arrival>)>,
+    pieces: impl Iterator<Item = (&'a [u8], Option<FrameArrival>)>,
     frames: u64,
 ) {
     let (mut before, mut count) = (None, 0);

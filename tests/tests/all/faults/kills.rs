@@ -280,7 +280,7 @@ fn try_places(changing: usize, others: usize) {
 #[test]
 fn killed_at_a_share_of_its_system_calls_it_serves_again() {
     if may_trace() {
-        try_places(16, 200);
+        try_places(40, 400);
     }
 }
 

@@ -6,7 +6,7 @@ use isotherm_fit::{Calibration, CalibrationOptions};
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{CoefficientTable, Content, Gyroscopes};
 use isotherm_shared::wire::{RawSample, Triad};
-use isotherm_verification::{ExercisedChannels, Gate, Refusal, Requirement};
+use isotherm_verification::{ExercisedChannels, Gate, GateRefusal, Requirement};
 use nalgebra::{Matrix3, Rotation3};
 use std::collections::BTreeSet;
 
@@ -64,7 +64,7 @@ impl Laboratory {
             refusals.extend(gate.refuses_run(&found, in_force.map(stability).as_ref()));
         }
         refusals.extend(gate.refuses_together(&exercised, &calibration.table, in_force));
-        let causes: Vec<_> = refusals.iter().map(|Refusal { cause, .. }| cause.as_str()).collect();
+        let causes: Vec<_> = refusals.iter().map(|GateRefusal { cause, .. }| cause.as_str()).collect();
         let text = causes.join("\n");
         (refusals.iter().map(|refusal| refusal.by).collect(), text, exercised.not_judged(&calibration.table))
     }

@@ -20,7 +20,7 @@ use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::{InertialMotion, Noise, RandomGenerator, RunSchedule, SimulatedImu, run, specific_force};
 use isotherm_support::finding::{Severity, name};
-use isotherm_verification::{Collector, LocalGravity, Refusal, Requirement, Setup, Stability, StabilityError};
+use isotherm_verification::{Collector, GateRefusal, LocalGravity, Requirement, Setup, Stability, StabilityError};
 use std::collections::BTreeSet;
 
 /// The turntable's angles in the runs, as a plan has them by default \[deg\].
@@ -118,14 +118,14 @@ pub(crate) fn gate(
         margin: f64::INFINITY,
         bound: 0.0,
     };
-    let mut refuse = |Refusal { by, cause }| {
+    let mut refuse = |GateRefusal { by, cause }| {
         found.refused_by.insert(by);
         found.causes.push(cause);
     };
     let gate = match isotherm_verification::Gate::new(require, calibration, force) {
         Ok(gate) => gate,
         Err(cause) => {
-            refuse(Refusal { by: "no bound", cause });
+            refuse(GateRefusal { by: "no bound", cause });
             return found;
         }
     };
@@ -144,7 +144,7 @@ pub(crate) fn gate(
                 if found.last_line.is_empty() {
                     found.last_line = error.to_string();
                 }
-                refuse(Refusal { by: "data", cause: error.to_string() });
+                refuse(GateRefusal { by: "data", cause: error.to_string() });
                 continue;
             }
         };

@@ -174,7 +174,7 @@ fn study(clean: u64, spoilt: u64) {
 
 #[test]
 fn tables_of_spoilt_logs_are_within_twice_their_interval() {
-    study(40, 12);
+    study(20, 5);
 }
 
 /// 600 mixtures.
@@ -206,7 +206,7 @@ fn clean_logs(count: u64) {
 
 #[test]
 fn good_rows_are_kept() {
-    clean_logs(30);
+    clean_logs(15);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::*;
 use crate::convert::mapping::{Decimal, Mapping, TimeUnit};
 use crate::convert::text::proposal;
-use crate::convert::{ColumnRef, Temperature, Time};
+use crate::convert::{ColumnRef, RowTimes, Temperature};
 
 fn proposed(text: &'static str) -> (String, Mapping) {
     let rows = Box::new(text.as_bytes()) as Box<dyn Read>;
@@ -82,12 +82,12 @@ fn what_nothing_says_is_left_open() {
 #[test]
 fn units_of_headers_and_rates_above_them_are_used() {
     let (proposal, mapping) = proposed(
-        "// Start Time: 0\n// Sample rate: 120.0Hz\nCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n\
+        "// Start RowTimes: 0\n// Sample rate: 120.0Hz\nCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\n\
          37328\t-9.4\t-1.29\t-1.9\t-0.011\t0.008\t-0.01\n37329\t-9.58\t-1.08\t-1.72\t-0.022\t-0.0003\t0.013\n",
     );
     assert_eq!(
         (mapping.skip, mapping.time),
-        (2, Time { interval_ns: Some(8_333_333), ..Time::default() }),
+        (2, RowTimes { interval_ns: Some(8_333_333), ..RowTimes::default() }),
         "{proposal}"
     );
     assert!(proposal.contains("# nominal, as the text says: \"// Sample rate: 120.0Hz\""), "{proposal}");
