@@ -61,8 +61,7 @@ impl Recorder {
     /// If there is such a file with rows, or the ending names no format.
     pub(crate) fn check(recording: &RecordingTarget) -> Result<Format, Failure> {
         let path = &recording.path;
-        let name = || format!("{}: name the recording .csv, .parquet or .mcap", shown(path));
-        let format = Format::of_path(path).ok_or_else(|| Failure::new(Exit::Usage, name()))?;
+        let format = Format::named(path).map_err(|message| Failure::new(Exit::Usage, message))?;
         match Self::is_there(recording) {
             false => Ok(format),
             true => Err(FileError(path.clone(), io::ErrorKind::AlreadyExists.into()).into()),

@@ -14,8 +14,9 @@ use isotherm_fit::{
 use isotherm_pipeline::{
     CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu, no_bar,
 };
-use isotherm_recording::{CampaignRow, RecordingError, SequenceRule};
+use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
+use isotherm_recording_formats::read::RowOrder;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_statistics::OrderTable;
 use isotherm_support::failure::{Exit, Failure};
@@ -327,14 +328,17 @@ fn sources<'a>(recordings: &'a [RecordingSource], rows_are: Rows) -> PyResult<Ve
 
 /// The raw samples of an array. Messages count them from 0, as in the array.
 fn raw_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, RecordingError>> + Send {
-    bytes.chunks_exact(RAW).enumerate().map(|(line, record)| {
-        Ok(CampaignRow { line: line as u64, set_point_c: 0.0, position: None, sample: Fields(record).raw() })
+    let mut order = RowOrder::default();
+    bytes.chunks_exact(RAW).enumerate().map(move |(row, record)| {
+        let (line, sample) = (row as u64, Fields(record).raw());
+        order.check(&sample).map_err(|message| RecordingError::Data { line, message })?;
+        Ok(CampaignRow { line, set_point_c: 0.0, position: None, sample })
     })
 }
 
 /// The rows of a campaign in an array. Messages count them from 0, as in the array.
 fn campaign_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, RecordingError>> + Send {
-    let mut rule = SequenceRule::default();
+    let mut order = RowOrder::default();
     bytes.chunks_exact(ROW).enumerate().map(move |(line, bytes)| {
         let mut fields = Fields(bytes);
         let (sample, set_point_c, position) = (fields.raw(), fields.float(), fields.signed());
@@ -354,7 +358,7 @@ fn campaign_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, Recor
                 }
             },
         };
-        if let Err(message) = rule.check(&sample) {
+        if let Err(message) = order.check(&sample) {
             return fault(message);
         }
         Ok(CampaignRow { line, set_point_c, position, sample })

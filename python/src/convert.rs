@@ -63,12 +63,13 @@ pub(crate) fn settings_of(origin: OriginOptions) -> PyResult<Settings> {
 }
 
 /// The raw samples of foreign data as bytes, and what the user should know. `mapping` is the name and the text of a
-/// mapping file.
+/// mapping file, `first_row` the line of the first row of a text that is a table in memory.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
 pub(crate) fn convert(
     py: Python<'_>,
     source: Foreign,
+    first_row: Option<u64>,
     mapping: Option<(PathBuf, String)>,
     temperature: Option<f64>,
     interval_ns: Option<u64>,
@@ -81,7 +82,7 @@ pub(crate) fn convert(
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, session, instance, ..settings_of(origin)? };
+    let settings = Settings { temperature, interval_ns, session, instance, first_row, ..settings_of(origin)? };
     let part = part_of(part)?;
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {

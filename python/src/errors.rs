@@ -1,7 +1,6 @@
 //! Converts errors of the libraries to exceptions of `isotherm._errors`.
 
 use isotherm_client::ConnectError;
-use isotherm_recording::RecordingError;
 use isotherm_shared::document::Faults;
 use pyo3::exceptions::PyOSError;
 use pyo3::import_exception;
@@ -68,18 +67,5 @@ pub(crate) fn file(path: &Path, error: &io::Error) -> PyErr {
             PyOSError::new_err((number, text, path.to_owned()))
         }
         None => PyOSError::new_err(format!("{}: {error}", path.display())),
-    }
-}
-
-pub(crate) fn recording(path: &Path, error: &RecordingError) -> PyErr {
-    match error {
-        RecordingError::Data { line, message } => {
-            RecordingFault::new_err((format!("{}:{line}: {message}", path.display()), *line))
-        }
-        RecordingError::Place { place, message } => {
-            RecordingFault::new_err((format!("{}: {place}: {message}", path.display()), None::<u64>))
-        }
-        RecordingError::Io(error) => file(path, error),
-        RecordingError::Piece(failure) => RecordingFault::new_err((failure.message.clone(), None::<u64>)),
     }
 }

@@ -30,7 +30,7 @@ pub(crate) fn write_file(path: &Path, write: impl FnOnce(&mut Output) -> io::Res
 }
 
 /// In the program `-` is the standard output; here it is a name like any other.
-fn resolved(path: &Path) -> PathBuf {
+pub(crate) fn resolved(path: &Path) -> PathBuf {
     if path == Path::new("-") { Path::new(".").join(path) } else { path.to_owned() }
 }
 

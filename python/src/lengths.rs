@@ -2,6 +2,7 @@
 
 use crate::errors::StabilityError;
 use crate::offline::with_lag;
+use crate::recordings::refuse_disorder;
 use crate::records::{Values, document};
 use crate::table::Table;
 use isotherm_campaign::STATIC_POSE_WINDOW_S;
@@ -26,6 +27,7 @@ pub(crate) fn lengths<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let required: Option<Requirement> =
         require.map(str::parse).transpose().map_err(|message| PyValueError::new_err(format!("require: {message}")))?;
+    py.detach(|| refuse_disorder("array", &samples))?;
     let found = py.detach(|| {
         let rows: Vec<_> = with_lag(&samples, &table.0).collect();
         let lengths = Magnitudes::of(&table.0, &rows, window, LocalGravity::of(gravity_local, &table.0), other_device)?;

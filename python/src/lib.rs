@@ -16,6 +16,7 @@ mod owned;
 mod parameters;
 mod reader;
 mod readings;
+mod recordings;
 mod records;
 mod run;
 mod table;
@@ -47,16 +48,15 @@ mod _isotherm {
     #[pymodule_export]
     use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]
-    use crate::offline::{
-        Stability, read_increments, read_recording, regress, repair, replay, time_warnings, verify, write_increments,
-        write_recording,
-    };
+    use crate::offline::{Stability, regress, repair, replay, time_warnings, verify};
     #[pymodule_export]
     use crate::parameters::{Exported, export_parameters, export_vehicle, import_parameters};
     #[pymodule_export]
     use crate::reader::IncrementReader;
     #[pymodule_export]
     use crate::readings::Readings;
+    #[pymodule_export]
+    use crate::recordings::{read_increments, read_recording, write_increments, write_recording};
     #[pymodule_export]
     use crate::records::Increment;
     #[pymodule_export]

@@ -2,6 +2,7 @@
 
 use crate::errors::NoiseError;
 use crate::offline::with_lag;
+use crate::recordings::refuse_disorder;
 use crate::records::{Fields, RAW, Values};
 use crate::table::Table;
 use isotherm_analysis::{Allan, MIN_ROWS, NoiseRows, TemperatureLine, imu_yaml};
@@ -21,6 +22,7 @@ pub(crate) fn noise(
     recording: String,
 ) -> PyResult<(String, String, Option<String>)> {
     let time = now();
+    py.detach(|| refuse_disorder(&recording, &samples))?;
     py.detach(|| {
         let of_table = table.map(|table| &*table.0);
         let mut rows = NoiseRows::new(of_table, part);

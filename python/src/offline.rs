@@ -1,24 +1,20 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
 use crate::convert::exception;
-use crate::errors::{StabilityError, file, recording};
-use crate::files::{unwritten, write_file};
+use crate::errors::{StabilityError, file};
+use crate::recordings::{order_fault, refuse_disorder};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
 use isotherm_fit::{Origin, tool};
 use isotherm_pipeline::{now, repair_into};
-use isotherm_recording::csv::{CsvColumn, Rows};
-use isotherm_recording::{
-    ANGLE_CSV_COLUMNS, Continuity, INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout, Layout, RawCsvReader,
-    RawCsvWriter, RecordingError,
-};
+use isotherm_recording::Continuity;
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html};
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample, StreamSample};
+use isotherm_shared::wire::RawSample;
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
@@ -28,7 +24,6 @@ use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::fs::File;
-use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -47,16 +42,17 @@ pub(crate) fn replay<'py>(py: Python<'py>, table: &Table, samples: Values<u8>) -
     Ok(out)
 }
 
-/// What the commands warn of: intervals that are not the time from row to row, lost time, missing rows, scale factors
+/// What the commands refuse or warn of: rows out of order, intervals that are not the time from row to row, lost time, missing rows, scale factors
 /// of another interval.
 #[pyfunction]
 pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: Values<u8>) -> PyResult<Vec<String>> {
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
-    let found = py.detach(|| {
+    Ok(py.detach(|| {
+        let out_of_order = order_fault(&samples).map(|(row, message)| format!("row {row}: {message}"));
         let continuity: Continuity = rows.collect();
-        continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table.0)).collect::<Vec<_>>()
-    });
-    Ok(found.into_iter().map(|finding| finding.message).collect())
+        let found = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table.0));
+        out_of_order.into_iter().chain(found.map(|finding| finding.message)).collect()
+    }))
 }
 
 /// The samples of an array. If none has a time constant, the lagged temperature is computed with the table's, as the
@@ -71,70 +67,6 @@ pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterato
     })
 }
 
-/// The raw samples of a recording, as bytes.
-#[pyfunction]
-pub(crate) fn read_recording(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
-    let read = || -> Result<Vec<u8>, RecordingError> {
-        let mut bytes = Vec::new();
-        for sample in RawCsvReader::new(File::open(&path)?)? {
-            bytes.extend_from_slice(&crate::records::raw_bytes(&sample?));
-        }
-        Ok(bytes)
-    };
-    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
-    Ok(array(py, bytes))
-}
-
-/// The increments that `feed` or `replay` wrote, as bytes.
-#[pyfunction]
-pub(crate) fn read_increments(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray1<u8>>> {
-    let read = || -> Result<Vec<u8>, RecordingError> {
-        let mut rows = Rows::new(File::open(&path)?);
-        rows.next_row()?;
-        let columns = rows
-            .columns(&INCREMENT_CSV_COLUMNS, "is this a comma-separated recording of increments with a header row?")?;
-        let delivery = rows.optional_column("delivery")?;
-        let angles = match rows.optional_column(ANGLE_CSV_COLUMNS[0])? {
-            Some(_) => {
-                Some(rows.columns(&ANGLE_CSV_COLUMNS, "the angle increments of all gyroscopes belong together")?)
-            }
-            None => None,
-        };
-        rows.find_checks()?;
-        let (count, mut bytes) = (rows.len(), Vec::new());
-        let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
-        while rows.next_row()? && !rows.is_cut() {
-            rows.verify(count)?;
-            let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
-            let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
-                Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])
-            };
-            let increment = CompensatedIncrement {
-                sequence: rows.integer(&columns[0])?,
-                timestamp_ns: rows.integer(&columns[1])?,
-                interval_ns: rows.integer(&columns[2])?,
-                velocity_increment: floats(&columns[3..6])?,
-                angle_increment: angles.as_deref().map_or(Ok([f64::NAN; 3]), floats)?,
-                table: rows.parse(&columns[6], "16 hexadecimal digits", hexadecimal)?,
-                flags: (names(&columns[7])? | delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
-                ..CompensatedIncrement::default()
-            };
-            bytes.extend_from_slice(&increment_bytes(&increment));
-        }
-        Ok(bytes)
-    };
-    let bytes = py.detach(read).map_err(|error| recording(&path, &error))?;
-    Ok(array(py, bytes))
-}
-
-fn flags(text: &str) -> Option<Flags> {
-    let bit = |name: &str| Flags::NAMES.iter().find(|(_, known)| *known == name).map(|(bit, _)| Flags(1 << bit));
-    match text {
-        "-" => Some(Flags::default()),
-        _ => text.split('|').try_fold(Flags::default(), |all, name| Some(all | bit(name)?)),
-    }
-}
-
 /// Takes what is whole of a recording into another file. Returns what was taken and lost, as the JSON document of
 /// `isotherm repair --json`.
 #[pyfunction]
@@ -143,38 +75,6 @@ pub(crate) fn repair(py: Python<'_>, source: PathBuf, target: PathBuf) -> PyResu
     File::open(&source).map_err(|error| file(&source, &error))?;
     let repaired = py.detach(|| repair_into(&source, &target)).map_err(|failure| exception(failure, None))?;
     Ok(serde_json::json!(repaired).to_string())
-}
-
-/// Writes raw samples as a recording.
-#[pyfunction]
-pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>) -> PyResult<()> {
-    let write = || -> io::Result<()> {
-        let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
-        let temperature = all().any(|raw| raw.telemetry_ns != 0);
-        let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
-        write_file(&path, |sink| {
-            let mut writer = RawCsvWriter::with_layout(sink, "", temperature, layout)?;
-            all().try_for_each(|raw| writer.write("", &raw))?;
-            writer.finish().map(drop)
-        })
-    };
-    py.detach(write).map_err(|error| unwritten(&path, &error))
-}
-
-/// Writes increments as `replay` does, or with `delivery` as `feed --delivery` does.
-#[pyfunction]
-pub(crate) fn write_increments(py: Python<'_>, path: PathBuf, increments: Values<u8>, delivery: bool) -> PyResult<()> {
-    let write = || -> io::Result<()> {
-        let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
-        let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
-        let layout = IncrementLayout { gyroscopes, delivery };
-        write_file(&path, |sink| {
-            let mut writer = IncrementCsvWriter::new(sink, layout)?;
-            all().try_for_each(|increment| writer.write(&increment))?;
-            writer.finish().map(drop)
-        })
-    };
-    py.detach(write).map_err(|error| unwritten(&path, &error))
 }
 
 /// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.
@@ -274,6 +174,7 @@ pub(crate) fn verify(
     let accepts_holes = crate::calibration::accepted(&accept)?.contains(&name::NOT_COVERED);
     let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
     let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
+    py.detach(|| refuse_disorder(&recording, &samples))?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
         with_lag(&samples, &table.0).for_each(|sample| collector.add(&sample));

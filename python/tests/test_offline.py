@@ -364,7 +364,7 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     assert [message[:10] for _, _, message in alone.findings] == ["[no-turns]"] and list(alone.orders) == ["A1", "A2", "A3"]
     # Faults of turns.
     lost = samples.drop(samples.index[(samples["position"] == 13) & (samples["set_point_c"] == 20)][20])
-    with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: samples:\d+: set point 20 degC, turn 13: rows are missing"):
+    with pytest.raises(isotherm.CalibrationError, match=r"\[turn-gap\]: samples: row \d+: set point 20 degC, turn 13: rows are missing"):
         isotherm.calibrate_turntable(settings, lost)
     with pytest.raises(isotherm.CalibrationError, match="K\\+ of G1: no turn drives it positive"):
         isotherm.calibrate_turntable(settings, samples, exclude=[(20.0, 13)])
@@ -373,7 +373,7 @@ def test_calibrate_a_whole_imu(tmp_path: Path) -> None:
     # Samples of another device.
     marked = samples.assign(device=f"{isotherm.device('S/N 7'):016x}")
     assert isotherm.calibrate_turntable(settings | {"serial": "S/N 7"}, marked).findings == []
-    with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: samples:0: "):
+    with pytest.raises(isotherm.CalibrationError, match=r"\[other-device\]: samples: row 0: "):
         isotherm.calibrate_turntable(settings | {"serial": "S/N 8"}, marked)
     other = isotherm.calibrate_turntable(settings | {"serial": "S/N 8"}, marked, other_device=True)
     assert other.provenance["accepted"] == ["other-device"]
@@ -437,12 +437,12 @@ def test_a_campaign_reports_its_faults(tmp_path: Path) -> None:
         isotherm.calibrate_turntable(settings | {"gravity_local": 1.0}, samples)
     with pytest.raises(TypeError, match="dict"):
         isotherm.calibrate_turntable(settings | {"soak_s": {}}, samples)
-    with pytest.raises(isotherm.RecordingFault, match="samples:7: .*no such position") as fault:
+    with pytest.raises(isotherm.RecordingFault, match="samples: row 7: .*no such position") as fault:
         wrong = samples.copy()
         wrong.loc[7, "position"] = 77
         isotherm.calibrate_turntable(CAMPAIGN, wrong)
     assert fault.value.line == 7
-    with pytest.raises(isotherm.RecordingFault, match="samples:3: .*a2_board is NaN"):
+    with pytest.raises(isotherm.RecordingFault, match="samples: row 3: .*a2_board is NaN"):
         wrong = samples.copy()
         wrong.loc[3, "a2_board"] = np.nan
         isotherm.calibrate_turntable(CAMPAIGN, wrong)

@@ -364,6 +364,23 @@ pub fn load_increment(increment: &CompensatedIncrement, index: usize) -> u64 {
     }
 }
 
+/// Stores a value of the column with this index in [`INCREMENT`] in an increment: an integer, or the bits of a double.
+/// `recorded_ns`, and the parts of the flags that have columns of their own, are ignored.
+pub const fn store_increment(increment: &mut CompensatedIncrement, index: usize, value: u64) {
+    match index {
+        SESSION => increment.session = value,
+        SEQUENCE => increment.sequence = value,
+        TIMESTAMP_NS => increment.timestamp_ns = value,
+        INTERVAL_NS => increment.interval_ns = value,
+        5..8 => increment.velocity_increment[index - 5] = f64::from_bits(value),
+        8..11 => increment.angle_increment[index - 8] = f64::from_bits(value),
+        11 => increment.table = value,
+        14 => increment.flags = value,
+        15 => increment.latency_ns = value,
+        _ => {}
+    }
+}
+
 /// The columns that a file of raw samples lacks to have its sets whole: for each column its name and set, and whether
 /// the file has it.
 pub fn incomplete<'a>(

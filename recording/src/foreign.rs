@@ -110,6 +110,11 @@ pub trait ForeignRows {
     /// What places count; `None` for lines.
     fn unit(&self) -> Option<&'static str>;
 
+    /// What messages call a place.
+    fn name(&self, place: u64) -> String {
+        format!("{} {place}", self.unit().unwrap_or("line"))
+    }
+
     /// What the numbers stand for. `Err` says why it is not known, with a remedy. Valid after the last row.
     ///
     /// # Errors

@@ -210,12 +210,12 @@ impl<W: Write> RawCsvWriter<W> {
         Self::with_columns(sink, leading, columns(telemetry_ns, layout))
     }
 
-    /// Writes the header row of samples with their session, which comes first.
+    /// Writes the header row of samples with their session, which comes first; with `telemetry_ns` as [`new`](Self::new).
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn of_sessions(sink: W, layout: Layout) -> io::Result<Self> {
-        let all = core::iter::once(SESSION).chain(columns(false, layout)).collect();
+    pub fn of_sessions(sink: W, telemetry_ns: bool, layout: Layout) -> io::Result<Self> {
+        let all = core::iter::once(SESSION).chain(columns(telemetry_ns, layout)).collect();
         Self::with_columns(sink, "", all)
     }
 

@@ -15,7 +15,7 @@ use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, R
 use isotherm_report::{json, outcome};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
-use isotherm_support::failure::{Exit, Failure};
+use isotherm_support::failure::{Exit, Failure, shown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -347,6 +347,17 @@ struct RecordingInput<T> {
 type WarmUpRecording = (RampRecording, Option<ReadingsNominal>);
 type Row = Result<CampaignRow, RecordingError>;
 
+/// The failure of rows in memory with this name. They are counted as in the array that they come from.
+fn row_failure(name: &str, error: &RecordingError) -> Failure {
+    let path = Path::new(name);
+    match error {
+        RecordingError::Data { line, message } => {
+            Failure::new(Exit::Data, format!("{}: row {line}: {message}", shown(path))).at(path, Some(*line))
+        }
+        error => error.failure(path),
+    }
+}
+
 /// The rows, which `marks` takes as they pass.
 fn marked<'a>(rows: impl Iterator<Item = Row> + 'a, marks: &'a mut Marks) -> impl Iterator<Item = Row> + 'a {
     rows.inspect(|row| row.iter().for_each(|row| marks.add(&row.sample)))
@@ -381,12 +392,12 @@ impl<'a> RecordingReader<'a> {
         }
         if let [RowSource::Rows { name, sha256, rows }] = samples.as_mut_slice() {
             origin.samples_sha256 = core::mem::take(sha256);
-            origin.places.begin(Path::new(name), None, 0);
+            origin.places.begin(Path::new(name), Some("row"), 0);
             let mut marks = Marks::default();
             let rows = self.input.part.of_rows(name, rows);
             let measurements = read_measurements(campaign, marked(rows, &mut marks));
             origin.rows.push(marks);
-            return measurements.map_err(|error| error.failure(Path::new(name)));
+            return measurements.map_err(|error| row_failure(name, &error));
         }
         let paths: Vec<_> = samples.iter().map(RowSource::path).collect();
         let bar = (self.bar)(&paths, "reading");
@@ -487,7 +498,7 @@ impl<'a> RecordingReader<'a> {
                     let mut marks = Marks::default();
                     let rows = self.input.part.of_rows(&name, rows);
                     let recording = read(&name, &mut marked(rows, &mut marks));
-                    let recording = complete(recording.map_err(|error| error.failure(Path::new(&name)))?, None);
+                    let recording = complete(recording.map_err(|error| row_failure(&name, &error))?, None);
                     let (notes, log_imu) = (Vec::new(), None);
                     all.push((place, RecordingInput { name, recording, sha256, rows: marks, notes, log_imu }));
                 }

@@ -8,11 +8,10 @@ use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
 use isotherm_client::ImuId;
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap, source, sources};
 use isotherm_pipeline::{INSTANCE, Vehicle, VehicleImu};
-use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_recording_formats::convert::{Conversion, Scale};
 use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, RowKind};
-use isotherm_recording_formats::write::ParquetStream;
+use isotherm_recording_formats::write::RowWriter;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
 use isotherm_shared::wire::{RawSample, StreamSample};
@@ -86,11 +85,6 @@ pub(crate) struct Convert {
 
 /// A nominal table, and what it was made of.
 type NominalTable = (Scale, CoefficientTable);
-
-enum RowWriter {
-    Csv(Box<RawCsvWriter<Output>>),
-    Parquet(Box<ParquetStream<Output>>),
-}
 
 impl Convert {
     pub(crate) fn run(mut self) -> Result<(), Failure> {
@@ -346,7 +340,7 @@ impl Convert {
         let findings = findings.into_iter().chain(at_rest).collect();
         self.acceptance.admit("", findings).map_err(|refused| refused.failure)?;
         for RowCounts { output, writer, rows } in written {
-            check_written(Some(&output), writer.finish())?;
+            check_written(Some(&output), writer.finish().and_then(Output::finish))?;
             let to = if output == Path::new("-") { "stdout".into() } else { shown(&output).to_string() };
             info!("{rows} rows in {to}");
         }
@@ -369,7 +363,7 @@ fn magnitude_at_rest_of(table: Option<&CoefficientTable>, begin: &[RawSample]) -
 /// A file that is being written.
 struct RowCounts {
     output: PathBuf,
-    writer: RowWriter,
+    writer: RowWriter<Output>,
     rows: u64,
 }
 
@@ -377,42 +371,23 @@ impl RowCounts {
     fn create(convert: &Convert, output: &Path, layout: Layout, session: u64) -> io::Result<Self> {
         let sink = Output::create(Some(output))?;
         let writer = if has_extension(output, "parquet") {
-            RowWriter::Parquet(Box::new(ParquetStream::new(sink, &convert.imu, StreamKind::Raw, layout)?))
+            RowWriter::parquet(sink, &convert.imu, StreamKind::Raw, layout)?
         } else {
             let writer = match session {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,
-                _ => RawCsvWriter::of_sessions(sink, layout)?,
+                _ => RawCsvWriter::of_sessions(sink, false, layout)?,
             };
-            RowWriter::Csv(Box::new(writer.with_plain_whole_numbers()))
+            writer.with_plain_whole_numbers().into()
         };
         Ok(Self { output: output.to_owned(), writer, rows: 0 })
     }
 
     fn write(&mut self, sample: &RawSample) -> io::Result<()> {
         self.rows += 1;
-        self.writer.write(sample)
+        self.writer.write(StreamSample::Raw(*sample))
     }
 }
 
 fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
-}
-
-impl RowWriter {
-    fn write(&mut self, sample: &RawSample) -> io::Result<()> {
-        match self {
-            Self::Csv(writer) => writer.write("", sample),
-            Self::Parquet(writer) => {
-                writer.write(&RecordedRow { imu: 0, recorded_ns: 0, sample: StreamSample::Raw(*sample) })
-            }
-        }
-    }
-
-    fn finish(self) -> io::Result<()> {
-        match self {
-            Self::Csv(writer) => writer.finish(),
-            Self::Parquet(writer) => writer.finish(),
-        }
-        .and_then(Output::finish)
-    }
 }

@@ -19,6 +19,7 @@ from ._errors import (
     TransportError,
     WrongThread,
 )
+from ._frames import from_arrow, from_frame, to_arrow, to_frame
 from ._isotherm import (
     Acquisition,
     Axis,
@@ -108,6 +109,8 @@ __all__ = [
     "device",
     "export_parameters",
     "flag_names",
+    "from_arrow",
+    "from_frame",
     "import_parameters",
     "lengths",
     "noise",
@@ -116,6 +119,8 @@ __all__ = [
     "regress",
     "repair",
     "replay",
+    "to_arrow",
+    "to_frame",
     "verify",
     "write_increments",
     "write_recording",

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import signal
-from typing import TypeAlias
 
 from . import _isotherm
-
-AnyPath: TypeAlias = str | os.PathLike[str]
+from ._paths import AnyPath
 
 
 def write_text(path: AnyPath, text: str) -> None:

@@ -14,17 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
-from ._convert import Moment, part
+from ._columns import is_arrow, is_frame
+from ._convert import part
 from ._errors import NoiseError
 from ._files import write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
-from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, flat_doubles, increments_frame, is_frame, records, sample_bytes
+from ._paths import AnyPath, is_path, paths
+from ._rates import noise_of_axes
+from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, doubles, increments_frame, records, rows_of, sample_bytes
+from ._times import Moment
 from ._toml import toml_value
 
 if TYPE_CHECKING:
     import pandas as pd
 
-AnyPath: TypeAlias = str | os.PathLike[str]
 QUANTITIES = ("bias", "positive_scale_factor", "negative_scale_factor")
 SENSORS = ("A1", "A2", "A3", "G1", "G2", "G3")
 # The sections of a campaign file of which there may be several.
@@ -42,7 +45,7 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     recorded increments and the same index. If the table has a lag and no sample has a `lag_ns`, the lagged temperature is computed from
     the samples, in their order; each session begins soaked. Otherwise the order of the samples does not matter for the increments.
 
-    As the command, it warns where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
+    It warns of samples out of order, which the command refuses, and as the command where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
     missing samples, and of scale factors that are of another interval. An array names no IMU.
     """
     array = records(samples, RAW_SAMPLE)
@@ -55,14 +58,31 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     return increments.reshape(array.shape)
 
 
-def read_recording(path: AnyPath) -> Records:
-    """The raw samples of a recording (CSV), as RAW_SAMPLE."""
-    return _isotherm.read_recording(path).view(RAW_SAMPLE)
+def read_recording(
+    recording: AnyPath | Sequence[AnyPath], *, imu: str | None = None, start: Moment | None = None, end: Moment | None = None
+) -> Records:
+    """The raw samples of a recording (CSV, Parquet, MCAP), as RAW_SAMPLE. The format is recognised by what is in the file.
+
+    `recording` is a path, or several of the pieces of one recording, in any order: a piece goes on with the session before it where its time
+    does. A pattern such as "flight*.mcap" stands for the files that it fits. `imu` is the one that is read, where a recording has several.
+    `start` and `end` leave out what is before and after, as those of `convert`. What is missing at the end of a file is a UserWarning.
+
+    Raises RecordingFault if the data are wrong, such as rows out of order.
+    """
+    data, found = _isotherm.read_recording(paths(recording), imu, part(start, end))
+    for warning in found:
+        warnings.warn(warning, stacklevel=2)
+    return data.view(RAW_SAMPLE)
 
 
-def read_increments(path: AnyPath) -> Records:
-    """The increments that `isotherm feed` or `replay` wrote (CSV), as INCREMENT; `session` and `latency_ns` are 0."""
-    return _isotherm.read_increments(path).view(INCREMENT)
+def read_increments(path: AnyPath, *, imu: str | None = None) -> Records:
+    """The increments that `isotherm feed`, `replay` or `record` wrote (CSV, Parquet, MCAP), as INCREMENT. What the file does not have is 0, as
+    `session` and `latency_ns` of `replay`. `imu` is the one that is read, where a file has several.
+    """
+    data, found = _isotherm.read_increments(path, imu)
+    for warning in found:
+        warnings.warn(warning, stacklevel=2)
+    return data.view(INCREMENT)
 
 
 def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
@@ -76,18 +96,20 @@ def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
     return json.loads(_isotherm.repair(Path(source), Path(target)))  # type: ignore[no-any-return]
 
 
-def write_recording(path: AnyPath, samples: Records | pd.DataFrame) -> None:
-    """Writes raw samples as a recording, without `session`, and without what is 0 in all samples: `telemetry_ns`, `device`, the lagged
-    temperature and the gyroscopes.
+def write_recording(path: AnyPath, samples: Records | pd.DataFrame, *, imu: str = "imu") -> None:
+    """Writes raw samples as a recording, in the format that its name says: .csv, .parquet or .mcap. What is 0 in all samples is left out:
+    `session`, `telemetry_ns`, `device`, the lagged temperature and the gyroscopes. Parquet and MCAP have the name of the IMU,
+    `imu`, too. What no recording gives back is `sent_ns`. A file of this name is replaced.
     """
-    _isotherm.write_recording(path, sample_bytes(samples))
+    _isotherm.write_recording(path, sample_bytes(samples), imu)
 
 
-def write_increments(path: AnyPath, increments: Records, *, delivery: bool = False) -> None:
-    """Writes increments as `isotherm replay` does, or with `delivery` as `isotherm feed --delivery`. If all angles are NaN, they are left
-    out, as those of a table without gyroscopes.
+def write_increments(path: AnyPath, increments: Records | pd.DataFrame, *, delivery: bool = False, imu: str = "imu") -> None:
+    """Writes increments in the format that the name says. As .csv it is what `isotherm replay` writes, or with `delivery` what
+    `isotherm feed --delivery` does; .parquet and .mcap are as `isotherm record` writes increments of `imu`, and have all fields.
+    If all angles are NaN, they are left out, as those of a table without gyroscopes. `write_ros` writes ROS messages.
     """
-    _isotherm.write_increments(path, as_bytes(records(increments, INCREMENT)), delivery)
+    _isotherm.write_increments(path, as_bytes(rows_of(increments, INCREMENT)), delivery, imu)
 
 
 def verify(
@@ -116,7 +138,7 @@ def verify(
 
     No bound is met where the run leaves out more than a tenth of a curve's range at one place, unless `accept` has "not-covered".
 
-    Raises StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
+    Raises RecordingFault if the samples are out of order, and StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
     """
     if not (math.isfinite(window) and window > 0.0):
         raise ValueError(f"window is {window}, give seconds over 0")
@@ -150,9 +172,9 @@ def regress(
     The fit is a polynomial of x; `linear` has further columns by name, of the length of x, each with one coefficient: the further --x of the
     command. Each number is taken as the shortest decimal number that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
     """
-    w = None if weights is None else flat_doubles(weights)
-    columns = [(name, flat_doubles(values)) for name, values in (linear or {}).items()]
-    document = json.loads(_isotherm.regress(flat_doubles(x), flat_doubles(y), w, columns, max_order, min_effect))
+    w = None if weights is None else doubles("weights", weights)
+    columns = [(name, doubles(name, values)) for name, values in (linear or {}).items()]
+    document = json.loads(_isotherm.regress(doubles("x", x), doubles("y", y), w, columns, max_order, min_effect))
     assert isinstance(document, dict)
     return document
 
@@ -178,19 +200,18 @@ def noise(
 
     With `interval` [s], `samples` are the rates of one sensor instead, in any unit, that far apart; `temperature` are temperatures of the same
     length, if the part that a straight line in them explains is to be seen. The result is what the document has for one sensor, with "unit" for
-    the unit of the rates. All rates are used: nothing looks for gaps or movement.
+    the unit of the rates. All rates are used: nothing looks for gaps or movement. Rates in two dimensions, such as `frame[["ax", "ay", "az"]]`,
+    have a column for each axis. The result has one document for each then, in "sensors", with its name or number in "sensor"; `temperature` is
+    one of all axes, or has the same columns.
 
-    Raises NoiseError with fewer than 1000 rows, and with a fault, such as a specific force at rest that is not gravity.
+    Raises RecordingFault if the samples are out of order, and NoiseError with fewer than 1000 rows, and with a fault, such as a specific force at rest that is not gravity.
     """
     if interval is not None:
         if not (math.isfinite(interval) and interval > 0.0):
             raise ValueError(f"interval is {interval}, give seconds over 0")
         if table is not None or report is not None or kalibr is not None or (start, end) != (0.0, math.inf):
             raise ValueError("table, start, end, report and kalibr are for samples of a recording, not for rates with an interval")
-        rates, heads = flat_doubles(samples), None if temperature is None else flat_doubles(temperature)
-        if heads is not None and len(heads) != len(rates):
-            raise ValueError("rates and temperature must be of one length")
-        text = _isotherm.noise_of_rates(rates, interval, heads)
+        return noise_of_axes(samples, interval, temperature)
     else:
         if temperature is not None:
             raise ValueError("temperature is for rates with an interval; samples have their own")
@@ -350,9 +371,9 @@ def calibrate_turntable(
     if samples is None:
         given = None
     elif isinstance(samples, (str, os.PathLike)):
-        given = [samples]
+        given = list(paths(samples))
     else:
-        given = [as_bytes(records(samples, CAMPAIGN))]
+        given = [as_bytes(rows_of(samples, CAMPAIGN))]
     if lag == 0:
         raise ValueError('lag is 0, give a time constant in s, or "none"')
     options = fit_options(
@@ -370,9 +391,10 @@ def calibrate_turntable(
 
 
 def recorded(recordings: Any) -> list[Path | npt.NDArray[np.uint8]]:
-    """One recording or several, each a path, or the bytes of its samples."""
-    single = isinstance(recordings, (str, os.PathLike)) or is_frame(recordings) or hasattr(recordings, "dtype")
-    return [Path(each) if isinstance(each, (str, os.PathLike)) else sample_bytes(each) for each in ([recordings] if single else recordings)]
+    """One recording or several, each a path, a pattern of paths, or the bytes of its samples."""
+    single = is_path(recordings) or is_frame(recordings) or is_arrow(recordings) or hasattr(recordings, "dtype")
+    all_of = [recordings] if single else recordings
+    return [one for each in all_of for one in (paths(each) if is_path(each) else [sample_bytes(each)])]
 
 
 def campaign_text(campaign: AnyPath | Mapping[str, Any]) -> tuple[str, Path]:

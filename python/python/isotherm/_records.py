@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import enum
 import re
-import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from ._columns import Columns, columns_of, is_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,13 +84,13 @@ Path: TypeAlias = tuple[str, ...]
 """Where a value is in a record: the name of a field, or of a triad and its field."""
 
 
-def _paths(dtype: np.dtype[np.void]) -> list[Path]:
+def paths(dtype: np.dtype[np.void]) -> list[Path]:
     """The paths of all values of a record, in the order of its bytes."""
     inner = {name: dtype[name] for name in dtype.names or ()}
     return [path for name, field in inner.items() for path in ([(name, part) for part in field.names] if field.names else [(name,)])]
 
 
-def _at(array: Any, path: Path) -> Any:
+def at(array: Any, path: Path) -> Any:
     for name in path:
         array = array[name]
     return array
@@ -175,61 +176,101 @@ def flag_names(flags: int) -> list[str]:
     return [name for bit, name in _NAMES if flags & bit]
 
 
-def is_frame(values: object) -> bool:
-    """Whether `values` is a pandas data frame. Does not import pandas."""
-    pandas = sys.modules.get("pandas")
-    return pandas is not None and isinstance(values, pandas.DataFrame)
-
-
 PARTS = {"positive_pulses": "positive", "negative_pulses": "negative", "head_temperature": "head", "board_temperature": "board"}
 """The ends of a triad's columns in a recording, without those of the lagged temperature."""
 
 
-def _wanted(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[Path, list[str]]:
+OF_FRAMES = OPTIONAL | {"latency_ns", "angle_increment"}
+"""Fields whose columns may be missing; angle increments become NaN then."""
+AXES = {"velocity_increment": "a{}_dv", "angle_increment": "g{}_da"}
+"""The columns of the increments of three axes."""
+
+
+def column_names(path: Path) -> list[str]:
+    """The columns of a value: three for a value of three sensors, else one."""
+    if len(path) == 2:
+        return [f"{path[0][0]}{axis}_{PARTS.get(path[1], path[1])}" for axis in (1, 2, 3)]
+    return [AXES[path[0]].format(axis) for axis in (1, 2, 3)] if path[0] in AXES else [path[0]]
+
+
+def _wanted(names: set[str], dtype: np.dtype[np.void]) -> dict[Path, list[str]]:
     """The columns of each value that a frame must have. What is optional is wanted if one of its columns is there."""
-    gyroscopes = any(f"g{axis}_{end}" in frame for axis in (1, 2, 3) for end in PARTS.values())
-    lag = "lag_ns" in frame or any(f"{letter}{axis}_head_lagged" in frame for letter in "ag" for axis in (1, 2, 3))
+    gyroscopes = any(f"g{axis}_{end}" in names for axis in (1, 2, 3) for end in PARTS.values())
+    lag = "lag_ns" in names or any(f"{letter}{axis}_head_lagged" in names for letter in "ag" for axis in (1, 2, 3))
     wanted: dict[Path, list[str]] = {}
-    for path in _paths(dtype):
+    for path in paths(dtype):
+        columns = column_names(path)
         if len(path) == 2:
-            letter = path[0][0]
-            if (letter == "a" or gyroscopes) and (path[1] in PARTS or lag):
-                wanted[path] = [f"{letter}{axis}_{PARTS.get(path[1], path[1])}" for axis in (1, 2, 3)]
-        elif path[0] not in OPTIONAL or path[0] in frame or (lag and path[0] == "lag_ns"):
-            wanted[path] = [path[0]]
+            if (path[0][0] == "a" or gyroscopes) and (path[1] in PARTS or lag):
+                wanted[path] = columns
+        elif path == ("flags",) and "flag_bits" in names:
+            wanted[path] = ["flag_bits"]
+        elif path[0] not in OF_FRAMES or not names.isdisjoint(columns) or (lag and path[0] == "lag_ns"):
+            wanted[path] = columns
     return wanted
 
 
-def _devices(column: pd.Series[Any]) -> npt.NDArray[np.uint64]:
-    """Numbers of units from their 16 hexadecimal digits; a missing text is 0, unknown."""
-    import pandas as pd
-
-    rows, texts = pd.factorize(column)
+def _digits(columns: Columns, name: str) -> npt.NDArray[np.uint64]:
+    """Numbers of devices or tables from their 16 hexadecimal digits; a missing text is 0, unknown."""
+    rows, texts = columns.texts(name)
     for text in texts:
         if not (isinstance(text, str) and re.fullmatch("[0-9a-fA-F]{16}|0|", text)):
-            message = f"device has {text!r}, give 16 hexadecimal digits; read the column as text, with dtype={{'device': str}}"
+            message = f"{name} has {text!r}, give 16 hexadecimal digits; read the column as text, with dtype={{'{name}': str}}"
             raise TypeError(message)
     # A missing text has the number -1, so it takes the last value.
-    return np.array([*(int(text or "0", 16) for text in texts), 0], np.uint64)[rows]
+    numbers: npt.NDArray[np.uint64] = np.array([*(int(str(text) or "0", 16) for text in texts), 0], np.uint64)[rows]
+    return numbers
 
 
-def _columns(frame: pd.DataFrame, dtype: np.dtype[np.void]) -> dict[Path, Any]:
+def _flags(columns: Columns, name: str) -> npt.NDArray[np.uint64]:
+    """Flags from their names, joined by |; a missing text is 0."""
+    rows, texts = columns.texts(name)
+    flags: npt.NDArray[np.uint64] = np.array([*(_bits(name, text) for text in texts), 0], np.uint64)[rows]
+    return flags
+
+
+def _bits(name: str, text: object) -> int:
+    known = {flag: bit for bit, flag in _NAMES}
+    flags = 0
+    for part in str(text).split("|") if text not in ("", "-") else ():
+        if part not in known:
+            raise ValueError(f"{name} has {text!r}, give names of flags joined by |, or - for none")
+        flags |= known[part]
+    return flags
+
+
+def _position(columns: Columns) -> npt.NDArray[Any]:
+    """Numbers of positions. While the turntable moves, the field is empty in a file, missing in a frame, and -1 in an array."""
+    number = columns.values("position")
+    return np.where(np.isnan(number), -1.0, number) if number.dtype.kind == "f" else number
+
+
+def _parts(columns: Columns, dtype: np.dtype[np.void]) -> dict[Path, Any]:
     """The columns of a recording by value: a list of three columns for a value of three sensors, else of one."""
-    twice = frame.columns[frame.columns.duplicated()]
-    if len(twice):
+    twice = [name for index, name in enumerate(columns.names) if name in columns.names[:index]]
+    if twice:
         raise ValueError(f"the column {twice[0]} is there twice")
-    wanted = _wanted(frame, dtype)
-    missing = [column for columns in wanted.values() for column in columns if column not in frame]
+    names = set(columns.names)
+    wanted = _wanted(names, dtype)
+    missing = [column for of_value in wanted.values() for column in of_value if column not in names]
     if missing:
-        raise ValueError(f"missing columns: {', '.join(missing)}; is this a recording of raw samples?")
-    parts: dict[Path, Any] = {path: [frame[column].to_numpy() for column in columns] for path, columns in wanted.items()}
-    if ("device",) in parts:
-        parts["device",] = [_devices(frame["device"])]
-    if ("position",) in parts:
-        # While the turntable moves, the field is empty in a file and missing in a data frame.
-        number = frame["position"].to_numpy(dtype=np.float64, na_value=np.nan)
-        parts["position",] = [np.where(np.isnan(number), -1.0, number)]
-    return parts
+        rows = "increments" if dtype == INCREMENT else "raw samples"
+        raise ValueError(f"missing columns: {', '.join(missing)}; is this a recording of {rows}?")
+
+    def part(path: Path, of_value: list[str]) -> list[npt.NDArray[Any]]:
+        match path:
+            case ("device" | "table",):
+                return [_digits(columns, path[0])]
+            case ("flags",):
+                if "flag_bits" in names:
+                    return [columns.values("flag_bits")]
+                flags = _flags(columns, "flags")
+                return [flags | _flags(columns, "delivery") if "delivery" in names else flags]
+            case ("position",):
+                return [_position(columns)]
+        return [columns.values(column) for column in of_value]
+
+    return {path: part(path, of_value) for path, of_value in wanted.items()}
 
 
 def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
@@ -257,11 +298,13 @@ def _exact(name: str, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDA
 def _assembled(parts: Mapping[Path, Any], count: int, dtype: np.dtype[np.void]) -> Records:
     """Records assembled from values, which are arrays or lists of columns."""
     records = np.zeros(count, dtype)
-    if not any(path[0] == "gyroscopes" for path in parts):
+    if "gyroscopes" in (dtype.names or ()) and not any(path[0] == "gyroscopes" for path in parts):
         for name in ("head_temperature", "board_temperature"):
             records["gyroscopes"][name] = np.nan
+    if dtype == INCREMENT and ("angle_increment",) not in parts:
+        records["angle_increment"] = np.nan
     for path, part in parts.items():
-        name, field = ".".join(path), _at(records, path)
+        name, field = ".".join(path), at(records, path)
         if isinstance(part, list):
             for axis, column in enumerate(part):
                 place = field if field.ndim == 1 else field[:, axis]
@@ -276,7 +319,7 @@ def _assembled(parts: Mapping[Path, Any], count: int, dtype: np.dtype[np.void]) 
 def _given(array: Records, dtype: np.dtype[np.void]) -> dict[Path, Any]:
     """The values of an array that has the fields of `dtype`, or all that are not optional. Of a triad that is there, all belong together."""
     parts, missing = {}, []
-    for path in _paths(dtype):
+    for path in paths(dtype):
         inner: np.dtype[Any] = array.dtype
         for name in path:
             if inner.names is None or name not in inner.names:
@@ -285,7 +328,7 @@ def _given(array: Records, dtype: np.dtype[np.void]) -> dict[Path, Any]:
                 break
             inner = inner[name]
         else:
-            parts[path] = _at(array, path)
+            parts[path] = at(array, path)
     if missing:
         raise TypeError(f"missing fields: {', '.join(missing)}")
     return parts
@@ -293,9 +336,8 @@ def _given(array: Records, dtype: np.dtype[np.void]) -> dict[Path, Any]:
 
 def records(values: object, dtype: np.dtype[np.void]) -> Records:
     """`values` as contiguous records: without a copy if they are contiguous records already, else from their fields or columns."""
-    if is_frame(values):
-        frame: pd.DataFrame = values  # type: ignore[assignment]
-        return _assembled(_columns(frame, dtype), len(frame), dtype)
+    if (columns := columns_of(values)) is not None:
+        return _assembled(_parts(columns, dtype), columns.count, dtype)
     if not isinstance(values, (np.ndarray, np.void)):
         raise TypeError(f"give a structured array or a data frame, not {type(values).__name__}")
     array = np.asarray(values)
@@ -307,6 +349,14 @@ def records(values: object, dtype: np.dtype[np.void]) -> Records:
     return _assembled(_given(flat, dtype), flat.size, dtype).reshape(array.shape)
 
 
+def rows_of(values: object, dtype: np.dtype[np.void]) -> Records:
+    """As `records`, of rows in their order: of one dimension, or one row alone."""
+    array = records(values, dtype)
+    if array.ndim > 1:
+        raise ValueError(f"the array has the shape {array.shape}, give one of one dimension: its rows in their order")
+    return array.reshape(-1)
+
+
 def as_bytes(array: Records) -> npt.NDArray[np.uint8]:
     """The bytes of contiguous records, without a copy."""
     return array.reshape(-1).view(np.uint8)
@@ -314,7 +364,7 @@ def as_bytes(array: Records) -> npt.NDArray[np.uint8]:
 
 def sample_bytes(samples: object) -> npt.NDArray[np.uint8]:
     """Raw samples as bytes."""
-    return as_bytes(records(samples, RAW_SAMPLE))
+    return as_bytes(rows_of(samples, RAW_SAMPLE))
 
 
 def one_sample(sample: object) -> bytes:
@@ -330,6 +380,14 @@ def one_sample(sample: object) -> bytes:
 def flat_doubles(values: object) -> npt.NDArray[np.float64]:
     """An array of any shape as a contiguous one-dimensional array of doubles."""
     return np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
+
+
+def doubles(name: str, values: Any) -> npt.NDArray[np.float64]:
+    """Numbers in one dimension as a contiguous array of doubles. `name` is theirs in messages."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if np.ndim(values) != 1:
+        raise ValueError(f"{name} has the shape {np.shape(values)}, give numbers in one dimension")
+    return array
 
 
 def increments_frame(increments: Records, index: pd.Index[Any], gyroscopes: bool) -> pd.DataFrame:

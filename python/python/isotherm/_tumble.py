@@ -7,10 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
-from ._convert import Moment, foreign, part
+from ._convert import foreign, part
 from ._isotherm import Table
-from ._offline import AnyPath, Calibration, campaign_text, fit_options, recorded
+from ._offline import Calibration, campaign_text, fit_options, recorded
+from ._paths import AnyPath
 from ._records import Records, sample_bytes
+from ._times import Moment
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Literal
 
 from . import _isotherm
-from ._convert import Moment
 from ._isotherm import Exported, Table
-from ._offline import AnyPath, Calibration
+from ._offline import Calibration
+from ._paths import AnyPath, paths
+from ._times import Moment
 from ._warm_up import warm_up_options
 
 
@@ -62,5 +61,4 @@ def calibrate_vehicle(
     options = warm_up_options(
         order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None, None, "header", None), (start, end)
     )
-    paths = [Path(logs)] if isinstance(logs, (str, os.PathLike)) else [Path(log) for log in logs]
-    return Vehicle(imu, _isotherm.calibrate_vehicle(paths, imu, dict(nominal or {}), gravity_reference, options))
+    return Vehicle(imu, _isotherm.calibrate_vehicle(paths(logs), imu, dict(nominal or {}), gravity_reference, options))

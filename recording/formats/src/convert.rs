@@ -104,6 +104,8 @@ pub struct Conversion {
     gaps: Gaps,
     steps: IntervalSteps,
     temperature: TemperatureRange,
+    /// The line of the first row of a table in memory.
+    first_row: Option<u64>,
     ended: bool,
 }
 
@@ -128,6 +130,18 @@ pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<Found
     let format = KnownFormat::of(&beginning);
     let bytes = settings.progress.restarted(Cursor::new(beginning).chain(bytes));
     format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
+}
+
+/// The failure of data with this name. Of a table in memory, whose first row has the line `first_row`, it counts rows
+/// from 0.
+fn failure_of(error: &RecordingError, path: &Path, first_row: Option<u64>) -> Failure {
+    let (RecordingError::Data { line, message }, Some(first)) = (error, first_row) else { return error.failure(path) };
+    let name = shown(path);
+    let message = match line.checked_sub(first) {
+        Some(row) => format!("{name}: row {row}: {message}"),
+        None => format!("{name}: {message}"),
+    };
+    Failure::new(Exit::Data, message).at(path, line.checked_sub(first))
 }
 
 /// The bytes by which the format is recognised.
@@ -182,7 +196,7 @@ impl Conversion {
         settings: &Settings,
     ) -> Result<Self, Failure> {
         let path = of.name();
-        let failed = |error: RecordingError| error.failure(path);
+        let failed = |error: RecordingError| failure_of(&error, path, settings.first_row);
         let beginning = beginning(&mut source, path)?;
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
@@ -255,7 +269,10 @@ impl Conversion {
                 let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
                 Box::new(Self::of_two_files((path, accelerometers), file, mapping, settings.time)?)
             }
-            None => Box::new(text::TextSource::new(source, mapping).map_err(failed)?),
+            None => {
+                let source = text::TextSource::new(source, mapping).map_err(failed)?;
+                Box::new(source.with_first_row(settings.first_row))
+            }
         };
         Self::begin(path, source, interval_ns, settings)
     }
@@ -284,7 +301,7 @@ impl Conversion {
         interval_ns: Option<u64>,
         settings: &Settings,
     ) -> Result<Self, Failure> {
-        let failed = |error: RecordingError| error.failure(path);
+        let failed = |error: RecordingError| failure_of(&error, path, settings.first_row);
         if settings.time == TimeSource::Rate && interval_ns.is_none() {
             let message =
                 "--time rate takes a rate that is known: give --interval S, or time.interval_s in the mapping";
@@ -323,6 +340,7 @@ impl Conversion {
             gaps: Gaps::default(),
             steps: IntervalSteps::new(nominal_ns),
             temperature: TemperatureRange::default(),
+            first_row: settings.first_row,
             ended: false,
         })
     }
@@ -487,7 +505,7 @@ impl Conversion {
 
     /// The failure of a row.
     pub(crate) fn failure(&self, error: &RecordingError) -> Failure {
-        error.failure(&self.path)
+        failure_of(error, &self.path, self.first_row)
     }
 
     /// What messages call the data.

@@ -6,6 +6,7 @@ mod borders;
 pub(crate) mod chunk;
 mod converted;
 mod fields;
+mod increments;
 mod input;
 mod mcap;
 mod numbers;
@@ -28,8 +29,10 @@ pub(crate) mod skip;
 pub(crate) mod summary;
 mod table;
 
+pub use increments::read_increments;
 pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};
+pub use order::RowOrder;
 pub use part::{ConversionPart, Part, RecordingTime};
 pub use piece::RowKind;
 pub use pieces::Pieces;

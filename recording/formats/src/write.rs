@@ -8,6 +8,7 @@ pub(crate) mod parquet;
 mod patient;
 mod pieces;
 mod ros;
+mod stream;
 mod vacant;
 
 pub(crate) use mcap::options as mcap_options;
@@ -17,4 +18,5 @@ pub use open::FileError;
 pub use parquet::ParquetStream;
 pub use patient::PatientFiles;
 pub use ros::{RosTable, RosWriter, refuse_same_topics};
+pub use stream::RowWriter;
 pub use vacant::is_vacant;

@@ -125,7 +125,7 @@ fn public_types_are_nouns_and_have_names_of_their_own() {
         }
     }
     assert!(types.len() > 300, "{}", types.len());
-    let twice = types.iter().filter(|(name, files)| files.len() > 1);
+    let twice = types.iter().filter(|(_, files)| files.len() > 1);
     let twice: Vec<_> = twice.collect();
     assert!(twice.is_empty(), "{twice:#?}");
     let participles: Vec<_> = types

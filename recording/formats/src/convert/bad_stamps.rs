@@ -54,6 +54,9 @@ impl fmt::Display for Spot {
     }
 }
 
+/// Gives the name of a place.
+pub(super) type PlaceName<'a> = dyn Fn(u64) -> String + 'a;
+
 /// The counts of a series.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StampTally {
@@ -116,22 +119,22 @@ impl StampTally {
     }
 
     /// Why the rows cannot be used, and the place; `remedy` is what the user can do. `None` if they can.
-    pub(super) fn refusal(&self, rows: u64, unit: &str, remedy: &str) -> Option<(u64, String)> {
+    pub(super) fn refusal(&self, rows: u64, name: &PlaceName<'_>, remedy: &str) -> Option<(u64, String)> {
         let first = self.first.filter(|_| self.is_over(rows, ONE_OF))?;
-        Some((first.place, format!("{}, over 1 %, so the times cannot be fixed; {remedy}", self.told(rows, unit)?)))
+        Some((first.place, format!("{}, over 1 %, so the times cannot be fixed; {remedy}", self.told(rows, name)?)))
     }
 
     /// The counts, and the first one, in a line.
-    fn told(&self, rows: u64, unit: &str) -> Option<String> {
+    fn told(&self, rows: u64, name: &PlaceName<'_>) -> Option<String> {
         let first = self.first?;
         let kinds = KINDS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         let kinds = kinds.map(|((_, words), count)| format!("{count} {words}")).collect::<Vec<_>>().join(", ");
         let (bad, have) = (self.bad(), if self.bad() == 1 { "has a bad stamp" } else { "have bad stamps" });
-        Some(format!("{bad} of {rows} rows {have}: {kinds}; the first is {unit} {}, {first}", first.place))
+        Some(format!("{bad} of {rows} rows {have}: {kinds}; the first is {}, {first}", name(first.place)))
     }
 
-    /// What was done, for the user. `unit` is what places count.
-    pub(super) fn findings(&self, rows: u64, unit: &str, session: u64) -> Vec<Finding> {
+    /// What was done, for the user. `name` gives the name of a place.
+    pub(super) fn findings(&self, rows: u64, name: &PlaceName<'_>, session: u64) -> Vec<Finding> {
         let done = [
             (
                 self.fixed,
@@ -143,12 +146,13 @@ impl StampTally {
         let done = done.iter().filter(|(count, _)| *count > 0);
         let done = done.map(|(count, [one, several])| format!("{count} {}", if *count == 1 { one } else { several }));
         let done = done.collect::<Vec<_>>().join(", ");
-        let bad = self.told(rows, unit).map(|told| format!("{told}; {done}"));
+        let bad = self.told(rows, name).map(|told| format!("{told}; {done}"));
         let twice = (self.twice > 0).then(|| {
             let Self { twice, first_twice, .. } = self;
             format!(
-                "{twice} of {rows} rows repeat the stamp and the values of an earlier one, the first is {unit} \
-                 {first_twice}: repeated rows are left out"
+                "{twice} of {rows} rows repeat the stamp and the values of an earlier one, the first is {}: \
+                 repeated rows are left out",
+                name(*first_twice)
             )
         });
         let stamps = bad.into_iter().chain(twice).collect::<Vec<_>>().join("; ");
@@ -157,8 +161,8 @@ impl StampTally {
             let again =
                 if self.restarts > 1 { format!(", and {} times more", self.restarts - 1) } else { String::new() };
             let message = format!(
-                "the clock starts again at {unit} {}, at {spot}{again}: the rows from there on are session {}",
-                spot.place,
+                "the clock starts again at {}, at {spot}{again}: the rows from there on are session {}",
+                name(spot.place),
                 session + 1
             );
             Finding::warning(name::NEW_SESSION, message)

@@ -199,7 +199,11 @@ impl ForeignRows for NovatelSource {
     fn findings(&self) -> Vec<Finding> {
         let message = || format!("in {} rows the IMU reports an error (IMU info, bit 0)", self.errors);
         let errors = (self.errors > 0).then(|| Finding::warning(name::IMU_ERROR, message()));
-        errors.into_iter().chain(self.bad.finding(self.rows)).chain(placeholder(self.temperature)).collect()
+        errors
+            .into_iter()
+            .chain(self.bad.finding(self.rows, |line| self.name(line)))
+            .chain(placeholder(self.temperature))
+            .collect()
     }
 }
 

@@ -49,6 +49,8 @@ pub struct Settings {
     /// The nominal interval of the pieces of a recording \[ns\], and the number of rows that it was found from. It is
     /// taken where that of the data is the same but for jitter.
     pub of_pieces: Option<(u64, u64)>,
+    /// Of a table in memory, which is read as a text: the line of its first row. Messages then count rows from 0.
+    pub first_row: Option<u64>,
     /// Advances by the bytes read. Some formats are read twice; then it begins anew.
     pub progress: Progress,
 }

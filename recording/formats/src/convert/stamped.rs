@@ -191,7 +191,7 @@ impl StampedRows {
 
     /// Refuses rows of which too many have bad stamps. Valid after the last row.
     fn refuse_bad(&self) -> Option<RecordingError> {
-        let refusal = self.fixer.tally().refusal(self.fixer.rows(), self.unit(), &self.remedy());
+        let refusal = self.fixer.tally().refusal(self.fixer.rows(), &|place| self.source.name(place), &self.remedy());
         refusal.map(|(place, message)| self.source.error(place, message))
     }
 
@@ -203,11 +203,6 @@ impl StampedRows {
             "give "
         };
         format!("{log}--time rate --interval S for rows that are S seconds apart")
-    }
-
-    /// What places count.
-    fn unit(&self) -> &'static str {
-        self.source.unit().unwrap_or("line")
     }
 
     /// The place of the first row. Valid before [`next`](Self::next).
@@ -250,7 +245,7 @@ impl StampedRows {
             let lost = if is_found { "; lost rows cannot be told from it: give interval_s" } else { "" };
             Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock{lost}"))
         });
-        let bad = self.fixer.tally().findings(self.fixer.rows(), self.unit(), session);
+        let bad = self.fixer.tally().findings(self.fixer.rows(), &|place| self.source.name(place), session);
         let rate = (self.time == TimeSource::Rate).then(|| {
             let message =
                 "the rows are one interval apart, whatever their stamps say: rows that are lost cannot be told";

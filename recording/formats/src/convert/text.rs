@@ -66,6 +66,8 @@ pub(super) struct TextSource {
     bad: BadRows,
     /// Lines between the rows that are none.
     no_rows: u64,
+    /// The line of the first row of a table in memory, whose rows are counted from 0.
+    first_row: Option<u64>,
 }
 
 /// The columns beside those of the sensors.
@@ -80,6 +82,14 @@ enum TextTemperature {
     /// Of the heads and the boards, what makes temperature of the numbers, and whether a number has been seen.
     Columns([Vec<CsvColumn>; 2], Linear, bool),
     Constant(f64),
+}
+
+/// What messages call a line of a text, or of a table in memory whose first row has the line `first_row`.
+pub(super) fn name_of(line: u64, first_row: Option<u64>) -> String {
+    match first_row {
+        None => format!("line {line}"),
+        Some(first) => line.checked_sub(first).map_or_else(|| "header".to_owned(), |row| format!("row {row}")),
+    }
 }
 
 /// Proposes a mapping for a text.
@@ -171,6 +181,7 @@ impl TextSource {
             count: 0,
             bad: BadRows::default(),
             no_rows: 0,
+            first_row: None,
         })
     }
 
@@ -196,6 +207,11 @@ impl TextSource {
         let temperature = Temperature::Constant(f64::NAN);
         let alone = Mapping { accelerometer: gyroscope, gyroscope: None, temperature, ..mapping };
         Self::new(source, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
+    }
+
+    /// Counts rows from 0, from this line on, in messages.
+    pub(super) fn with_first_row(self, first_row: Option<u64>) -> Self {
+        Self { first_row, ..self }
     }
 
     fn missing(opening: &TextOpening, source: Box<dyn Read>, mapping: &Mapping) -> RecordingError {
@@ -389,6 +405,10 @@ impl ForeignRows for TextSource {
         None
     }
 
+    fn name(&self, place: u64) -> String {
+        name_of(place, self.first_row)
+    }
+
     fn units(&self) -> Result<Units, String> {
         if let Some(recognised) = self.recognised.as_ref().filter(|recognised| recognised.counts) {
             return Err(recognised.counts());
@@ -455,7 +475,7 @@ impl ForeignRows for TextSource {
         let is_without = is_without.then(|| placeholder(None)).flatten();
         let of_gyroscopes = self.gyroscopes.as_ref().and_then(|axes| axes.finding("gyroscope"));
         let of_kind = self.accelerometers.finding("accelerometer").into_iter().chain(of_gyroscopes);
-        self.bad.finding(self.count).into_iter().chain(is_without).chain(of_kind).collect()
+        self.bad.finding(self.count, |line| self.name(line)).into_iter().chain(is_without).chain(of_kind).collect()
     }
 }
 

@@ -1,7 +1,9 @@
 //! The order of the pieces of a recording.
 
 use super::table::WantedColumn;
+use isotherm_recording::SequenceRule;
 use isotherm_recording::columns::{ColumnSet, RAW, RECORDED_NS, SEQUENCE, SESSION, TIMESTAMP_NS};
+use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::source::DataSource;
 use std::collections::{HashMap, HashSet};
@@ -157,6 +159,35 @@ impl SessionOrder {
             )),
             _ => Ok(()),
         }
+    }
+}
+
+/// The order of rows that are in memory: what [`Recording`](super::Recording) demands of those of one file.
+///
+/// ```
+/// use isotherm_recording_formats::read::RowOrder;
+/// use isotherm_shared::wire::RawSample;
+///
+/// let row = |sequence| RawSample { sequence, ..RawSample::default() };
+/// let mut order = RowOrder::default();
+/// assert!(order.check(&row(7)).is_ok() && order.check(&row(9)).is_ok());
+/// assert!(order.check(&row(8)).is_err_and(|message| message.starts_with("sequence 8 after 9")));
+/// ```
+#[derive(Debug, Default)]
+pub struct RowOrder {
+    sequences: SequenceRule,
+    sessions: SessionOrder,
+}
+
+impl RowOrder {
+    /// Checks the next row.
+    ///
+    /// # Errors
+    /// If its sequence does not rise in its session, or if its session has ended, and comes again with sequences that
+    /// were there already.
+    pub fn check(&mut self, sample: &RawSample) -> Result<(), String> {
+        self.sequences.check(sample)?;
+        self.sessions.take(sample.session, sample.sequence)
     }
 }
 

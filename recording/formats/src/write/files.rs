@@ -6,6 +6,7 @@ use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_shared::names::{ImuId, StreamKind};
+use isotherm_support::failure::shown;
 use isotherm_support::storage::Storage;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -34,6 +35,15 @@ impl Format {
     pub fn of_path(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         Self::NAMES.into_iter().find(|(format, name)| *format != Self::Ros && *name == ending).map(|(format, _)| format)
+    }
+
+    /// The same, of a recording.
+    ///
+    /// # Errors
+    /// If the ending says none, with those that do.
+    pub fn named(path: &Path) -> Result<Self, String> {
+        let refused = || format!("{}: name the recording .csv, .parquet or .mcap", shown(path));
+        Self::of_path(path).ok_or_else(refused)
     }
 
     /// Whether one file has all streams, whatever columns they have.

@@ -123,15 +123,7 @@ impl McapFile {
             stream.layout = layout;
             stream.add_channel(&mut self.writer)?;
         }
-        self.message.clear();
-        protobuf::encode(row, layout, &mut self.message);
-        let header = MessageHeader {
-            channel_id: stream.channel,
-            sequence: row.period().sequence as u32,
-            log_time: row.recorded_ns,
-            publish_time: row.timestamp_ns(),
-        };
-        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
+        stream.write(&mut self.writer, row, &mut self.message)
     }
 
     /// Ends the chunk and appends it to the file.
@@ -163,6 +155,43 @@ impl McapFile {
     }
 }
 
+/// Rows of one stream that become one MCAP file from beginning to end, in any sink.
+pub(super) struct McapStream<W: Write> {
+    writer: mcap::Writer<NoSeek<W>>,
+    stream: FileStream,
+    message: Vec<u8>,
+}
+
+impl<W: Write> McapStream<W> {
+    /// Begins a file of a stream.
+    ///
+    /// # Errors
+    /// Those of the sink and of the library.
+    pub(super) fn new(sink: W, imu: &ImuId, kind: StreamKind, layout: Layout) -> io::Result<Self> {
+        let mut writer = options().create(NoSeek::new(sink)).map_err(io_error)?;
+        let mut stream = FileStream { imu: (0, imu.clone()), kind, channel: 0, layout: layout.of_stream(kind) };
+        stream.add_channel(&mut writer)?;
+        Ok(Self { writer, stream, message: Vec::new() })
+    }
+
+    /// Adds a message.
+    ///
+    /// # Errors
+    /// Those of the sink and of the library.
+    pub(super) fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
+        self.stream.write(&mut self.writer, row, &mut self.message)
+    }
+
+    /// Writes summary and footer, and returns the sink.
+    ///
+    /// # Errors
+    /// Those of the sink.
+    pub(super) fn finish(mut self) -> io::Result<W> {
+        self.writer.finish().map_err(io_error)?;
+        Ok(self.writer.into_inner().into_inner())
+    }
+}
+
 /// A file in memory.
 fn begin(memory: &MemorySink) -> io::Result<mcap::Writer<NoSeek<MemorySink>>> {
     options().create(NoSeek::new(memory.clone())).map_err(io_error)
@@ -177,8 +206,26 @@ pub(crate) fn options() -> WriteOptions {
 }
 
 impl FileStream {
+    /// Adds a message, which is encoded in `message`.
+    fn write<W: Write>(
+        &self,
+        writer: &mut mcap::Writer<NoSeek<W>>,
+        row: &RecordedRow,
+        message: &mut Vec<u8>,
+    ) -> io::Result<()> {
+        message.clear();
+        protobuf::encode(row, self.layout, message);
+        let header = MessageHeader {
+            channel_id: self.channel,
+            sequence: row.period().sequence as u32,
+            log_time: row.recorded_ns,
+            publish_time: row.timestamp_ns(),
+        };
+        writer.write_to_known_channel(&header, message).map_err(io_error)
+    }
+
     /// Adds a channel for messages of the stream's layout.
-    fn add_channel(&mut self, writer: &mut mcap::Writer<NoSeek<MemorySink>>) -> io::Result<()> {
+    fn add_channel<W: Write>(&mut self, writer: &mut mcap::Writer<NoSeek<W>>) -> io::Result<()> {
         let (kind, imu, layout) = (self.kind, &self.imu.1, self.layout);
         let schema = protobuf::descriptor(kind, layout);
         let schema = writer.add_schema(protobuf::message(kind), "protobuf", &schema).map_err(io_error)?;

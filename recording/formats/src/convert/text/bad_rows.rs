@@ -105,12 +105,12 @@ impl BadRows {
         self.counts.iter().map(kind).collect::<Vec<_>>().join(", ")
     }
 
-    /// What was left out of so many rows.
-    pub(in super::super) fn finding(&self, rows: u64) -> Option<Finding> {
+    /// What was left out of so many rows. `name` gives the name of a line.
+    pub(in super::super) fn finding(&self, rows: u64, name: impl Fn(u64) -> String) -> Option<Finding> {
         let (line, message) = self.first.as_ref()?;
         let (count, kinds) = (self.count(), self.kinds());
         let left_out = if count == 1 { "1 row is" } else { &format!("{count} rows are") };
-        let message = format!("{left_out} left out of {rows}: {kinds}; the first is line {line}: {message}");
+        let message = format!("{left_out} left out of {rows}: {kinds}; the first is {}: {message}", name(*line));
         Some(Finding::warning(name::BAD_ROWS, message))
     }
 }
