@@ -48,7 +48,7 @@ def main() -> int:
 
     # Tables are named after their IMUs, so an IMU has one campaign.
     campaigns: list[str] = []
-    first: dict[str, str] = {}
+    first: dict[str, object] = {}
     failed = 0
     for name in options.campaigns:
         if twice := [imu for imu in imus(name) if imu in first]:
@@ -60,7 +60,7 @@ def main() -> int:
 
     # Each worker is a process with one thread: a fit keeps one processor busy.
     if options.scheduler is None:
-        client = Client(LocalCluster(n_workers=options.workers, threads_per_worker=1, processes=True, dashboard_address=None))
+        client = Client(LocalCluster(n_workers=options.workers, threads_per_worker=1, processes=True, dashboard_address=""))
     else:
         client = Client(options.scheduler)
     with client:

@@ -1,5 +1,8 @@
 """A peer without the isotherm package: iceoryx2's own wheel, version 0.10.0 as the service has it, and ctypes."""
 
+# pyright: reportAttributeAccessIssue=false
+# The modules of iceoryx2 do not say which names they have.
+
 import argparse
 import ctypes
 import hashlib

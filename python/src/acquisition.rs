@@ -7,8 +7,11 @@ use crate::connection::{imu_id, is_temporary, options};
 use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connecting, transport};
 use crate::lag::{LagArgument, LagState, sensor};
 use crate::owned::ThreadValue;
-use crate::records::{Increment, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view};
+use crate::records::{
+    Increment, NUMBERS, PULSES, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view,
+};
 use crate::run::{End, Run};
+use crate::value::stays;
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
     Acquisition as Client, ClosingNote, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError,
@@ -52,7 +55,18 @@ fn gone() -> PyErr {
     Closed::new_err("this sample has been sent; loan another")
 }
 
-/// The one acquisition process of an IMU.
+/// The one acquisition process of an IMU. Only the thread that created it may use it.
+///
+/// Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
+///
+/// `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
+/// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
+///
+/// >>> samples = isotherm.read_recording("run.csv")
+/// >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
+/// ...     increments = acquisition.run(samples[:5])
+/// >>> increments["sequence"] == samples["sequence"][:5]
+/// array([ True,  True,  True,  True,  True])
 #[pyclass(frozen, module = "isotherm")]
 pub struct Acquisition {
     owned: ThreadValue<OwnedAcquisition>,
@@ -60,7 +74,15 @@ pub struct Acquisition {
     depth: usize,
 }
 
-/// A raw sample in shared memory, to be filled in and sent.
+/// A raw sample in shared memory, which is yours until it is sent. Every later use raises Closed.
+///
+/// >>> with isotherm.Acquisition("imu-a") as acquisition:
+/// ...     sample = acquisition.loan()
+/// ...     sample.timestamp_ns = sample.interval_ns = 2_500_000
+/// ...     sample.accelerometers.positive_pulses = (140, 0, 150)
+/// ...     increment = acquisition.compensate(sample)
+/// ...     print(sample.sent, increment.interval_ns)
+/// True 2500000
 #[pyclass(frozen, module = "isotherm")]
 pub struct Loan {
     acquisition: Py<Acquisition>,
@@ -113,32 +135,40 @@ impl Acquisition {
         }
     }
 
+    /// The IMU.
     #[getter]
     fn imu(&self) -> &str {
         &self.imu
     }
 
+    /// The most samples that can be unanswered at once.
     #[getter]
     fn depth(&self) -> usize {
         self.depth
     }
 
+    /// The session of all samples; a new random number for each connection.
     #[getter]
     fn session(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.session())
     }
 
+    /// Samples that have been sent and whose answers have not been received.
     #[getter]
     fn in_flight(&self) -> PyResult<usize> {
         Ok(self.owned.hold()?.open()?.client.in_flight())
     }
 
+    /// Whether it has been closed.
     #[getter]
     fn closed(&self) -> bool {
         self.owned.is_closed()
     }
 
-    /// Control periods that were lost, and samples that are unanswered.
+    /// Leaves the streams. Loans that have not been sent become invalid. A second call does nothing.
+    ///
+    /// Returns `lost`, and how many samples are unanswered; if either is not 0 it is logged ("isotherm") and kept in
+    /// the service's status.
     fn close(&self, py: Python<'_>) -> PyResult<(u64, u64)> {
         if self.owned.is_closed() {
             return Ok((0, 0));
@@ -156,11 +186,14 @@ impl Acquisition {
         Ok((lost, unanswered))
     }
 
+    /// Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on
+    /// loan, or failed, and all that is kept or was dropped there.
     #[getter]
     fn lost(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.lost())
     }
 
+    /// Late answers that were dropped because `depth` of them waited for `receive` already.
     #[getter]
     fn dropped_answers(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.late().dropped())
@@ -175,41 +208,72 @@ impl Acquisition {
         self.close(py).map(drop)
     }
 
+    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
+    /// restored or forgotten after this.
+    ///
+    /// Raises IsothermError if samples are unanswered or kept.
     fn begin_session(&self) -> PyResult<()> {
         let begun = self.owned.hold()?.open()?.client.begin_session();
         begun.map_err(|error| IsothermError::new_err(error.to_string()))
     }
 
+    /// Takes a new reading of the head temperature of a sensor, A1 to G3, measured at `time_ns` on the acquisition's
+    /// clock.
+    ///
+    /// Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged
+    /// temperature.
     fn reading(&self, name: &str, temperature: f64, time_ns: u64) -> PyResult<()> {
         let sensor = sensor(name)?;
         self.owned.hold()?.open()?.client.lag().read(sensor, temperature, time_ns);
         Ok(())
     }
 
+    /// The time constant that samples are sent with [ns]; 0 while there is none.
     #[getter]
     fn lag_ns(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.lag().state().lag_ns)
     }
 
+    /// The state of the lag, which `json` can keep: for each sensor None, or time, temperature and lagged temperature
+    /// of its last reading, the share of an unknown start, and the number of the machine's start that the time is of.
     fn lag_state(&self) -> PyResult<LagState> {
         Ok(LagState::of(self.owned.hold()?.open()?.client.lag().state()))
     }
 
+    /// Goes on with a state of `lag_state`, on the same clock, as if the temperature had gone straight on in the pause.
+    ///
+    /// A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`. So
+    /// are all of a state that was kept before the machine was started anew. If your clock goes on over that, set the
+    /// last number of each sensor to 0.
     fn restore_lag(&self, state: LagState) -> PyResult<()> {
         self.owned.hold()?.open()?.client.lag().restore(&state.lag());
         Ok(())
     }
 
+    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+    /// kept state.
+    ///
+    /// Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
+    /// constants.
     fn forget_lag(&self) -> PyResult<()> {
         self.owned.hold()?.open()?.client.lag().forget();
         Ok(())
     }
 
+    /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
+    /// warm.
+    ///
+    /// Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of
+    /// microseconds before it.
     fn prepare(&self) -> PyResult<()> {
         self.owned.hold()?.open()?.client.prepare();
         Ok(())
     }
 
+    /// Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
+    ///
+    /// It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
+    /// sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.
     fn loan(this: &Bound<'_, Self>) -> PyResult<Loan> {
         let mut held = this.get().owned.hold()?;
         let state = held.open()?;
@@ -217,6 +281,10 @@ impl Acquisition {
         Ok(Loan { id: state.keep(loan), acquisition: this.clone().unbind() })
     }
 
+    /// Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
+    ///
+    /// Raises Full, with the sample, if `depth` samples are unanswered, or samples are kept, which go first, or the
+    /// service's queue may still be full of samples that were sent again after restarts. `keep` it then.
     fn send(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
         let given = self.sample(sample)?;
         let mut held = self.owned.hold()?;
@@ -225,6 +293,19 @@ impl Acquisition {
         state.client.send(loan).map_err(|error| unsent(state, id, error, sample))
     }
 
+    /// Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept`
+    /// sends it.
+    ///
+    /// Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another
+    /// unit, a missing interval, temperature that is not finite on one side, missing time; a record is never added to
+    /// another. A sum of readings has 64 nominal intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL;
+    /// where the table is not known, since `lag` is not "service" or the table has been replaced, 64 periods. At most
+    /// 16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as `lost`, and as many
+    /// sequences are left out: a gap for every reader.
+    ///
+    /// Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So
+    /// in each control period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises
+    /// SequenceError if the sequence is not above the last one sent or kept.
     fn keep(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
         let given = self.sample(sample)?;
         let mut held = self.owned.hold()?;
@@ -233,15 +314,23 @@ impl Acquisition {
         state.client.keep(loan).map_err(|error| unsent(state, id, error, sample))
     }
 
+    /// Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and
+    /// recorders take it.
+    ///
+    /// Never waits. Call it in each control period, before the new sample is sent. The increments come from `receive`.
     fn send_kept(&self) -> PyResult<()> {
         self.owned.hold()?.open()?.client.send_kept().map_err(transport)
     }
 
+    /// Control periods that are kept.
     #[getter]
     fn kept(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.kept())
     }
 
+    /// The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds.
+    ///
+    /// First come the late answers that `compensate` has kept aside.
     #[pyo3(signature = (timeout = 0.0))]
     fn receive(&self, py: Python<'_>, timeout: f64) -> PyResult<Option<Increment>> {
         let timeout = seconds("timeout", timeout)?;
@@ -257,6 +346,9 @@ impl Acquisition {
         Ok(answer.map(Increment))
     }
 
+    /// The round trip: sends `sample` and waits for its increment. Raises Full or Timeout.
+    ///
+    /// After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them.
     #[pyo3(signature = (sample, timeout = 1.0))]
     fn compensate(&self, py: Python<'_>, sample: &Bound<'_, PyAny>, timeout: f64) -> PyResult<Increment> {
         let timeout = seconds("timeout", timeout)?;
@@ -283,6 +375,13 @@ impl Acquisition {
         answer.map(Increment).ok_or_else(|| Timeout::new_err(CompensateError::Timeout.to_string()))
     }
 
+    /// Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed`
+    /// does.
+    ///
+    /// At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for
+    /// `timeout` seconds. If no sample has a `lag_ns`, their temperature is followed: a value that differs from the
+    /// last one is a reading. With `new_session` the run is a session of its own; without it, its sequences must rise
+    /// above those sent before.
     #[pyo3(signature = (samples, *, window = None, timeout = 15.0, rate = None, new_session = true))]
     fn run<'py>(
         &self,
@@ -319,6 +418,10 @@ impl Acquisition {
         let Some(message) = end else { return Ok(all) };
         let part = all.get_item(pyo3::types::PySlice::new(py, 0, received.cast_signed(), 1))?;
         Err(Timeout::new_err((message, part.unbind())))
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(stays("Acquisition", "give the worker the samples, or open the acquisition there"))
     }
 
     fn __repr__(&self) -> String {
@@ -367,11 +470,13 @@ impl Loan {
 
 #[pymethods]
 impl Loan {
+    /// The session of the sample: that of the acquisition.
     #[getter]
     fn session(&self) -> PyResult<u64> {
         self.with(|raw| raw.session)
     }
 
+    /// Raise it if samples were lost before they could be sent; the service then flags the gap.
     #[getter]
     fn sequence(&self) -> PyResult<u64> {
         self.with(|raw| raw.sequence)
@@ -382,6 +487,7 @@ impl Loan {
         self.with(|raw| raw.sequence = value)
     }
 
+    /// End of the control period on the acquisition's clock [ns].
     #[getter]
     fn timestamp_ns(&self) -> PyResult<u64> {
         self.with(|raw| raw.timestamp_ns)
@@ -392,6 +498,7 @@ impl Loan {
         self.with(|raw| raw.timestamp_ns = value)
     }
 
+    /// Control period, the measured gate length [ns], 1 to 3 600 000 000 000.
     #[getter]
     fn interval_ns(&self) -> PyResult<u64> {
         self.with(|raw| raw.interval_ns)
@@ -402,6 +509,7 @@ impl Loan {
         self.with(|raw| raw.interval_ns = value)
     }
 
+    /// When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown.
     #[getter]
     fn telemetry_ns(&self) -> PyResult<u64> {
         self.with(|raw| raw.telemetry_ns)
@@ -412,6 +520,7 @@ impl Loan {
         self.with(|raw| raw.telemetry_ns = value)
     }
 
+    /// Time constant of the lagged temperature [ns]. 0 until it is sent, unless you fill it in.
     #[getter]
     fn lag_ns(&self) -> PyResult<u64> {
         self.with(|raw| raw.lag_ns)
@@ -422,6 +531,7 @@ impl Loan {
         self.with(|raw| raw.lag_ns = value)
     }
 
+    /// Which unit this is: `device` of its serial number. 0 until it is sent, unless you fill it in.
     #[getter]
     fn device(&self) -> PyResult<u64> {
         self.with(|raw| raw.device)
@@ -432,23 +542,25 @@ impl Loan {
         self.with(|raw| raw.device = value)
     }
 
+    /// A1, A2, A3.
     #[getter]
     fn accelerometers(this: Py<Self>) -> LoanTriad {
         LoanTriad { loan: this, of: |raw| &mut raw.accelerometers }
     }
 
+    /// G1, G2, G3; where the IMU has none, no pulses and temperature NaN (or 0).
     #[getter]
     fn gyroscopes(this: Py<Self>) -> LoanTriad {
         LoanTriad { loan: this, of: |raw| &mut raw.gyroscopes }
     }
 
-    /// Copies all fields except the session from a record.
+    /// Copies all fields except the session from a record of RAW_SAMPLE, the sequence included.
     fn fill(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
         let sample = one_sample(sample)?;
         self.with(|raw| *raw = RawSample { session: raw.session, ..sample })
     }
 
-    /// Gives the loan back, and takes its sequence back if it is the last one's.
+    /// Gives the loan back, as it stands for no control period: takes its sequence back, if it is the last loan's.
     fn cancel(&self) -> PyResult<()> {
         let mut held = self.acquisition.get().owned.hold()?;
         let state = held.open()?;
@@ -457,7 +569,10 @@ impl Loan {
         Ok(())
     }
 
-    /// Adds the next control period, given as a loan, which is cancelled, or as a record.
+    /// Adds the next control period: pulses and intervals are summed, timestamp and temperature become the later ones.
+    ///
+    /// A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is
+    /// dropped, that is one sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
     fn merge(&self, later: &Bound<'_, PyAny>) -> PyResult<()> {
         let loan = later.cast::<Self>().ok();
         let sample = match &loan {
@@ -471,6 +586,7 @@ impl Loan {
         loan.map_or(Ok(()), |loan| loan.get().cancel())
     }
 
+    /// Whether it has been sent.
     #[getter]
     fn sent(&self) -> PyResult<bool> {
         let mut held = self.acquisition.get().owned.hold()?;
@@ -483,6 +599,10 @@ impl Loan {
         view(array(py, bytes.to_vec()), "RAW_SAMPLE")?.call_method1("reshape", ((),))
     }
 
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(stays("Loan", "give to_numpy(), a copy"))
+    }
+
     fn __repr__(&self) -> String {
         match self.with(|raw| *raw) {
             Ok(raw) => format!("Loan(sequence={}, timestamp_ns={})", raw.sequence, raw.timestamp_ns),
@@ -491,7 +611,15 @@ impl Loan {
     }
 }
 
-/// The accelerometers or the gyroscopes of a loan.
+/// The accelerometers or the gyroscopes of a loan: three values each. It is part of the loan, and ends with it.
+///
+/// >>> with isotherm.Acquisition("imu-a") as acquisition:
+/// ...     sample = acquisition.loan()
+/// ...     triad = sample.accelerometers
+/// ...     triad.positive_pulses = (140, 0, 150)
+/// ...     print(triad.positive_pulses)
+/// ...     sample.cancel()
+/// (140, 0, 150)
 #[pyclass(frozen, module = "isotherm", name = "Triad")]
 pub struct LoanTriad {
     loan: Py<Loan>,
@@ -506,6 +634,7 @@ impl LoanTriad {
 
 #[pymethods]
 impl LoanTriad {
+    /// Pulses of the positive channels in the period.
     #[getter]
     fn positive_pulses(&self) -> PyResult<(u32, u32, u32)> {
         self.with(|triad| triad.positive_pulses.into())
@@ -513,10 +642,11 @@ impl LoanTriad {
 
     #[setter]
     fn set_positive_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("positive_pulses", values)?;
+        let values = triple("positive_pulses", PULSES, values)?;
         self.with(|triad| triad.positive_pulses = values)
     }
 
+    /// Pulses of the negative channels in the period, counted upwards from 0.
     #[getter]
     fn negative_pulses(&self) -> PyResult<(u32, u32, u32)> {
         self.with(|triad| triad.negative_pulses.into())
@@ -524,10 +654,11 @@ impl LoanTriad {
 
     #[setter]
     fn set_negative_pulses(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("negative_pulses", values)?;
+        let values = triple("negative_pulses", PULSES, values)?;
         self.with(|triad| triad.negative_pulses = values)
     }
 
+    /// Temperature of the sensing elements, in the table's unit.
     #[getter]
     fn head_temperature(&self) -> PyResult<(f64, f64, f64)> {
         self.with(|triad| triad.head_temperature.into())
@@ -535,10 +666,11 @@ impl LoanTriad {
 
     #[setter]
     fn set_head_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("head_temperature", values)?;
+        let values = triple("head_temperature", NUMBERS, values)?;
         self.with(|triad| triad.head_temperature = values)
     }
 
+    /// Temperature of the converter boards, in the table's unit.
     #[getter]
     fn board_temperature(&self) -> PyResult<(f64, f64, f64)> {
         self.with(|triad| triad.board_temperature.into())
@@ -546,10 +678,11 @@ impl LoanTriad {
 
     #[setter]
     fn set_board_temperature(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("board_temperature", values)?;
+        let values = triple("board_temperature", NUMBERS, values)?;
         self.with(|triad| triad.board_temperature = values)
     }
 
+    /// The head temperature behind its lag. It is filled in when the sample is sent, if `lag_ns` is 0 then.
     #[getter]
     fn head_lagged(&self) -> PyResult<(f64, f64, f64)> {
         self.with(|triad| triad.head_lagged.into())
@@ -557,8 +690,12 @@ impl LoanTriad {
 
     #[setter]
     fn set_head_lagged(&self, values: &Bound<'_, PyAny>) -> PyResult<()> {
-        let values = triple("head_lagged", values)?;
+        let values = triple("head_lagged", NUMBERS, values)?;
         self.with(|triad| triad.head_lagged = values)
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(stays("Triad", "give to_numpy() of its loan, a copy"))
     }
 
     fn __repr__(&self) -> String {

@@ -2,14 +2,15 @@
 
 use crate::connection::imu_id;
 use crate::convert::{OriginOptions, PartOptions, part_of, settings_of};
-use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file};
-use crate::records::{Fields, RAW, Values, document};
+use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file, in_python};
+use crate::records::{Fields, RAW, Values, parsed};
 use crate::table::Table;
+use crate::value;
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, FittedRun, LagChoice, Method,
-    ScaleFactorChoice, TumbleOptions, WarmUpOptions, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, CalibrationOutcome, FittedRun, LagChoice,
+    Method, Reading, ScaleFactorChoice, TumbleOptions, WarmUpOptions, sha256,
 };
 use isotherm_pipeline::{
     CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu, no_bar,
@@ -18,13 +19,15 @@ use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::RowOrder;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_statistics::OrderTable;
+use isotherm_statistics::{OrderTable, mean};
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::{Finding, name};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs;
 use std::path::PathBuf;
@@ -32,12 +35,33 @@ use std::path::PathBuf;
 /// Size of a row: a raw sample, the set point and the position \[bytes\].
 const ROW: usize = RAW + 16;
 
-/// The result of a calibration.
-#[pyclass(frozen, module = "isotherm._isotherm")]
+/// The result of a calibration: all that is shown of it. So it travels between processes without a fit.
+#[pyclass(frozen, eq, hash, module = "isotherm._isotherm")]
+#[derive(Clone, Default, Deserialize, Serialize)]
 pub struct Calibration {
-    campaign: Campaign,
-    outcome: JobOutcome,
+    /// The text of the table file.
+    text: String,
+    findings: Vec<(String, Option<u64>, String)>,
+    /// What the command prints.
+    in_words: String,
+    accuracy: String,
+    gyroscope_accuracy: Option<String>,
+    /// The document of `isotherm calibrate --json`.
+    summary: String,
+    /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
+    orders: String,
+    /// By dwell and axis \[g0\]; of a tumble by static pose.
+    residuals: Vec<Vec<f64>>,
+    dwells: Vec<Run>,
+    /// By dwell or turn \[arcsec\].
+    gyroscope_residuals: Vec<Vec<f64>>,
+    gyroscope_runs: Vec<Run>,
+    /// The report.
+    html: String,
 }
+
+/// A dwell or a turn: set point, number, first and last row, seconds.
+type Run = (f64, u32, u64, u64, f64);
 
 /// A recording: the path of a file, or the bytes of rows.
 #[derive(FromPyObject)]
@@ -145,7 +169,7 @@ pub(crate) fn calibrate_campaign(
         };
         inputs.fit(&campaign, Some(&campaign_file))
     });
-    Ok(Calibration { outcome: outcome.map_err(|refused| failed(&refused))?, campaign })
+    Ok(Calibration::new(&campaign, &outcome.map_err(|refused| failed(&refused))?))
 }
 
 /// Makes a table of recordings of a warm-up. Without a `nominal` table they must be files of readings of other
@@ -170,7 +194,7 @@ pub(crate) fn calibrate_warm_up(
     let made = py.detach(|| {
         let (nominal, FitOptions { warm_up, input, .. }) = ((nominal, gravity), options);
         let (campaign, inputs) = Inputs::warm_up(&imu, sources, nominal, warm_up, &input, &no_bar)?;
-        inputs.fit(&campaign, None).map(|outcome| Calibration { outcome, campaign })
+        inputs.fit(&campaign, None).map(|outcome| Calibration::new(&campaign, &outcome))
     });
     made.map_err(|refused| failed(&refused))
 }
@@ -205,7 +229,7 @@ pub(crate) fn calibrate_vehicle(
             let nominal = (nominal.get(&instance).cloned(), gravity);
             let read = Inputs::warm_up(&of.imu, sources, nominal, options.warm_up.clone(), &input, &no_bar);
             let calibration = read.and_then(|(campaign, inputs)| {
-                inputs.fit(&campaign, None).map(|outcome| Calibration { outcome, campaign })
+                inputs.fit(&campaign, None).map(|outcome| Calibration::new(&campaign, &outcome))
             });
             (instance, calibration)
         };
@@ -243,7 +267,7 @@ impl Options {
             return wrong(format!("scale_factor is {:?}, give \"auto\", \"single\" or \"split\"", self.scale_factor));
         };
         if let Some(order) = self.order.filter(|order| *order > 7) {
-            return wrong(format!("order is {order}, give None or 0 to 7"));
+            return wrong(format!("order is {order}, give \"auto\" or a whole number from 0 to 7"));
         }
         let accept = accepted(&self.accept)?;
         let lag = match self.lag {
@@ -367,13 +391,13 @@ fn campaign_rows(bytes: &[u8]) -> impl Iterator<Item = Result<CampaignRow, Recor
 
 /// Severity, line and the rest of the line that the command prints: `[name]: message`.
 fn finding(finding: &Finding, locate: impl Fn(u64) -> String) -> (&'static str, Option<u64>, String) {
-    (finding.severity.name(), finding.line, format!("[{}]: {}", finding.name, finding.located(locate)))
+    (finding.severity.name(), finding.line, in_python(&format!("[{}]: {}", finding.name, finding.located(locate))))
 }
 
 /// The exception of what the command would end with.
 fn failed(JobFailure { failure, fit, .. }: &JobFailure) -> PyErr {
     use isotherm_fit::CalibrationError::Faults;
-    let message = failure.message.clone();
+    let message = in_python(&failure.message);
     match (fit.as_deref(), failure.exit) {
         (Some((Faults { diagnosis, findings }, places)), _) => {
             // The mistake that explains them is the first, as it is in the message.
@@ -393,108 +417,148 @@ fn failed(JobFailure { failure, fit, .. }: &JobFailure) -> PyErr {
 }
 
 impl Calibration {
-    /// The calibration of the positions; None with ramps alone.
-    fn positions(&self) -> Option<&Figures> {
-        self.outcome.fitted.campaign()
+    /// What a job has found.
+    fn new(campaign: &Campaign, outcome: &JobOutcome) -> Self {
+        let row = |line: u64| line.to_string();
+        let findings = outcome.fitted.findings().iter();
+        let findings = findings.map(|each| finding(&Finding { line: None, ..each.clone() }, row));
+        let found = Self {
+            text: outcome.table.clone(),
+            findings: findings.map(|(severity, line, message)| (severity.to_owned(), line, message)).collect(),
+            in_words: outcome.text(),
+            accuracy: outcome.fitted.accuracy(),
+            summary: outcome.json().to_string(),
+            orders: Value::Array(Vec::new()).to_string(),
+            html: outcome.html(campaign),
+            ..Self::default()
+        };
+        match &outcome.fitted {
+            CalibrationOutcome::Campaign(figures) => found.with_positions(campaign, figures),
+            CalibrationOutcome::Tumble(figures) => Self {
+                residuals: figures.residuals.iter().map(|residual| vec![*residual]).collect(),
+                dwells: figures.readings.iter().map(static_pose).collect(),
+                ..found
+            },
+            CalibrationOutcome::Ramps(_) | CalibrationOutcome::WarmUp(_) => found,
+        }
     }
 
-    /// The dwells and turns of the gyroscopes.
-    fn runs(&self) -> &[FittedRun] {
-        self.positions().and_then(|figures| figures.gyroscopes.as_ref()).map_or(&[], |found| &found.runs)
+    /// With what a campaign on a turntable has of its positions and turns.
+    fn with_positions(self, campaign: &Campaign, figures: &Figures) -> Self {
+        let gyroscopes = figures.gyroscopes.as_ref();
+        let sensors = figures.orders.iter().chain(gyroscopes.iter().flat_map(|found| &found.orders));
+        let orders = sensors.map(|sensor| sensor.iter().map(OrderTable::json).collect());
+        let runs = gyroscopes.map_or(&[][..], |found| &found.runs);
+        let dwell = |dwell: &Dwell| {
+            let [first, last] = dwell.lines;
+            (dwell.set_point_c, campaign.positions[dwell.position].number, first, last, dwell.sums.seconds)
+        };
+        let run = |run: &FittedRun| {
+            let [first, last] = run.lines;
+            let set_point_c = figures.set_points[run.set_point].set_point_c;
+            (set_point_c, run.place.number(campaign).value(), first, last, run.seconds)
+        };
+        Self {
+            gyroscope_accuracy: Accuracy::of_gyroscopes(figures).map(|accuracy| accuracy.to_string()),
+            orders: Value::Array(orders.collect()).to_string(),
+            residuals: figures.solution.residuals.iter().map(|residuals| residuals.to_vec()).collect(),
+            dwells: figures.dwells.iter().map(dwell).collect(),
+            gyroscope_residuals: runs.iter().map(|run| run.residual.to_vec()).collect(),
+            gyroscope_runs: runs.iter().map(run).collect(),
+            ..self
+        }
+    }
+}
+
+/// A static pose as a dwell: its mean head temperature is that of the set point, and its rows are those of its
+/// recording, from 0.
+fn static_pose(reading: &Reading) -> Run {
+    let number = u32::try_from(reading.number).unwrap_or(u32::MAX);
+    let [first, last] = [reading.rows.start, reading.rows.end.saturating_sub(1)].map(|row| row as u64);
+    (mean(&reading.head), number, first, last, reading.seconds)
+}
+
+/// Rows of equal length as an array of two dimensions, of `columns` where there are none.
+fn matrix<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let columns = rows.first().map_or(columns, Vec::len);
+    PyArray1::from_vec(py, rows.concat()).reshape([rows.len(), columns])
+}
+
+impl value::Value for Calibration {
+    const NAME: &'static str = "Calibration";
+    type State = Self;
+
+    fn state(&self) -> Cow<'_, Self> {
+        Cow::Borrowed(self)
+    }
+
+    fn of(state: Self) -> PyResult<Self> {
+        Ok(state)
     }
 }
 
 #[pymethods]
 impl Calibration {
     #[getter]
-    fn table(&self) -> Table {
-        Table::new(self.outcome.fitted.table().clone(), &self.outcome.table)
+    fn table(&self) -> PyResult<Table> {
+        value::Value::of(self.text.clone())
     }
 
     #[getter]
     fn text(&self) -> &str {
-        &self.outcome.table
+        &self.text
     }
 
     #[getter]
-    fn findings(&self) -> Vec<(&'static str, Option<u64>, String)> {
-        let row = |line: u64| line.to_string();
-        self.outcome
-            .fitted
-            .findings()
-            .iter()
-            .map(|each| finding(&Finding { line: None, ..each.clone() }, row))
-            .collect()
+    fn findings(&self) -> Vec<(String, Option<u64>, String)> {
+        self.findings.clone()
     }
 
     /// What the command prints: the bottom line, the curves, the static poses.
-    fn __str__(&self) -> String {
-        self.outcome.text()
+    fn __str__(&self) -> &str {
+        &self.in_words
     }
 
-    /// The bottom line.
     #[getter]
-    fn accuracy(&self) -> String {
-        self.outcome.fitted.accuracy()
+    fn accuracy(&self) -> &str {
+        &self.accuracy
     }
 
-    /// The bottom line of the gyroscopes.
     #[getter]
-    fn gyroscope_accuracy(&self) -> Option<String> {
-        self.positions().and_then(Accuracy::of_gyroscopes).map(|accuracy| accuracy.to_string())
+    fn gyroscope_accuracy(&self) -> Option<&str> {
+        self.gyroscope_accuracy.as_deref()
     }
 
-    /// The document of `isotherm calibrate --json`.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        document(py, &self.outcome.json())
+        parsed(py, &self.summary)
     }
 
-    /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
-    fn orders(&self) -> String {
-        let figures = self.positions().into_iter();
-        let gyroscopes =
-            figures.clone().filter_map(|figures| figures.gyroscopes.as_ref()).flat_map(|found| &found.orders);
-        let sensors = figures.flat_map(|figures| &figures.orders).chain(gyroscopes);
-        let tables = sensors.map(|sensor| sensor.iter().map(OrderTable::json).collect());
-        Value::Array(tables.collect()).to_string()
+    fn orders(&self) -> &str {
+        &self.orders
     }
 
-    /// The residuals by dwell and axis \[g0\].
     fn residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let residuals = self.positions().map_or(&[][..], |figures| &figures.solution.residuals);
-        let all: Vec<f64> = residuals.iter().flatten().copied().collect();
-        PyArray1::from_vec(py, all).reshape([residuals.len(), 3])
+        matrix(py, &self.residuals, 3)
     }
 
-    /// For each dwell: set point, number of the position, first and last row, seconds.
-    fn dwells(&self) -> Vec<(f64, u32, u64, u64, f64)> {
-        let one = |dwell: &Dwell| {
-            let number = self.campaign.positions[dwell.position].number;
-            let [first, last] = dwell.lines;
-            (dwell.set_point_c, number, first, last, dwell.sums.seconds)
-        };
-        self.positions().map_or(&[][..], |figures| &figures.dwells).iter().map(one).collect()
+    fn dwells(&self) -> Vec<Run> {
+        self.dwells.clone()
     }
 
-    /// The residuals of the gyroscopes by dwell or turn \[arcsec\]; no row without gyroscopes.
     fn gyroscope_residuals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let all: Vec<f64> = self.runs().iter().flat_map(|run| run.residual).collect();
-        PyArray1::from_vec(py, all).reshape([self.runs().len(), 3])
+        matrix(py, &self.gyroscope_residuals, 3)
     }
 
-    /// For each dwell and then each turn of the gyroscopes: set point, number, first and last row, seconds.
-    fn gyroscope_runs(&self) -> Vec<(f64, u32, u64, u64, f64)> {
-        let Some(figures) = self.positions() else { return Vec::new() };
-        let one = |run: &FittedRun| {
-            let set_point_c = figures.set_points[run.set_point].set_point_c;
-            let [first, last] = run.lines;
-            (set_point_c, run.place.number(&self.campaign).value(), first, last, run.seconds)
-        };
-        self.runs().iter().map(one).collect()
+    fn gyroscope_runs(&self) -> Vec<Run> {
+        self.gyroscope_runs.clone()
     }
 
-    fn html(&self) -> String {
-        self.outcome.html(&self.campaign)
+    fn html(&self) -> &str {
+        &self.html
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<value::Reduced<'py>> {
+        value::reduced(py, self)
     }
 }

@@ -1,10 +1,11 @@
 //! The functions `compare` and `batch` on tables, and their results.
 
-use crate::errors::{ComparisonError, faults};
+use crate::errors::{ComparisonError, faults, in_python};
 use isotherm_pipeline::now;
 
 use crate::records::{document, python};
 use crate::table::Table;
+use crate::value::{Reduced, Value, reduced};
 use isotherm_analysis::{Batch as Statistics, Comparison as Differences, ComparisonRequirement};
 use isotherm_fit::{TableFile, tool};
 use isotherm_report::batch::BatchSource;
@@ -12,44 +13,83 @@ use isotherm_report::comparison::ComparisonSource;
 use isotherm_report::{batch as batch_report, comparison as report};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::path::PathBuf;
 
-/// What has changed between tables.
-#[pyclass(frozen, module = "isotherm")]
-pub struct Comparison(Differences);
+/// What has changed between tables. `str()` gives the text of `isotherm compare`.
+///
+/// >>> table = isotherm.Table.load("imu-a.toml")
+/// >>> isotherm.compare(table, table).changed
+/// []
+#[pyclass(frozen, eq, hash, module = "isotherm")]
+pub struct Comparison(Differences, (Named, bool));
 
-/// The statistics of a batch of tables.
-#[pyclass(frozen, module = "isotherm")]
-pub struct Batch(Statistics);
+/// The statistics of a batch of tables. `str()` gives them as text.
+///
+/// >>> isotherm.batch(["imu-a.toml", "imu-b.toml"]).devices
+/// ['imu-a', 'imu-b']
+#[pyclass(frozen, eq, hash, module = "isotherm")]
+pub struct Batch(Statistics, Named);
+
+/// The name of each table in messages, and its text. Of these a result is made anew: it takes no fit.
+type Named = Vec<(String, String)>;
 
 /// The tables with their names, as the library takes them.
-fn files(named: &[(String, PyRef<'_, Table>)]) -> PyResult<Vec<TableFile>> {
-    let file = |(name, table): &(String, PyRef<'_, Table>)| {
-        TableFile::from_toml(name.clone(), table.text()).map_err(|all| faults(name, &all))
-    };
+fn files(named: &Named) -> PyResult<Vec<TableFile>> {
+    let file =
+        |(name, text): &(String, String)| TableFile::from_toml(name.clone(), text).map_err(|all| faults(name, &all));
     named.iter().map(file).collect()
+}
+
+fn texts(named: Vec<(String, PyRef<'_, Table>)>) -> Named {
+    named.into_iter().map(|(name, table)| (name, table.text().to_owned())).collect()
 }
 
 /// Compares tables, each with the name that messages have.
 #[pyfunction]
-#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn compare(
     py: Python<'_>,
     named: Vec<(String, PyRef<'_, Table>)>,
     other_device: bool,
 ) -> PyResult<Comparison> {
-    let files = files(&named)?;
-    let found = py.detach(|| isotherm_analysis::compare(files, other_device));
-    found.map(Comparison).map_err(|error| ComparisonError::new_err(error.to_string()))
+    let named = texts(named);
+    py.detach(|| Comparison::of((named, other_device)))
 }
 
 /// The statistics of tables, each with the name that messages have.
 #[pyfunction]
-#[expect(clippy::needless_pass_by_value, reason = "an argument of a Python function")]
 pub(crate) fn batch(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>) -> PyResult<Batch> {
-    let files = files(&named)?;
-    let found = py.detach(|| isotherm_analysis::batch(&files));
-    found.map(Batch).map_err(|error| ComparisonError::new_err(error.to_string()))
+    let named = texts(named);
+    py.detach(|| Batch::of(named))
+}
+
+impl Value for Comparison {
+    const NAME: &'static str = "Comparison";
+    type State = (Named, bool);
+
+    fn state(&self) -> Cow<'_, Self::State> {
+        Cow::Borrowed(&self.1)
+    }
+
+    fn of((named, other_device): Self::State) -> PyResult<Self> {
+        let found = isotherm_analysis::compare(files(&named)?, other_device);
+        let found = found.map_err(|error| ComparisonError::new_err(in_python(&error.to_string())))?;
+        Ok(Self(found, (named, other_device)))
+    }
+}
+
+impl Value for Batch {
+    const NAME: &'static str = "Batch";
+    type State = Named;
+
+    fn state(&self) -> Cow<'_, Named> {
+        Cow::Borrowed(&self.1)
+    }
+
+    fn of(named: Named) -> PyResult<Self> {
+        let found = isotherm_analysis::batch(&files(&named)?);
+        Ok(Self(found.map_err(|error| ComparisonError::new_err(error.to_string()))?, named))
+    }
 }
 
 fn requirement(text: &str) -> PyResult<ComparisonRequirement> {
@@ -58,29 +98,35 @@ fn requirement(text: &str) -> PyResult<ComparisonRequirement> {
 
 #[pymethods]
 impl Comparison {
-    /// The document of `isotherm compare --json`, without a requirement.
+    /// The document of `isotherm compare --json`, without a requirement: curves, alignments, lines over the dates, and
+    /// notes.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         document(py, &report::document(&self.0, None))
     }
 
+    /// What has changed by more than the errors, for example ["A1 bias"].
     #[getter]
     fn changed(&self) -> Vec<String> {
         self.0.changed()
     }
 
-    /// For each curve or triad with a bound: its name, the verdict, and the judgement in words.
+    /// Judges each bound of `require`: (curve or triad, "within", "undecided" or "beyond", the judgement in words).
+    ///
+    /// `require` is as that of the command, for example "bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h".
     fn judge(&self, require: &str) -> PyResult<Vec<(String, &'static str, String)>> {
         let judgements = self.0.judge(&requirement(require)?);
         Ok(judgements.into_iter().map(|it| (it.name, it.verdict.name(), it.message)).collect())
     }
 
-    /// Raises an exception where the command ends with exit code 1.
+    /// Raises ComparisonError where `isotherm compare --require` ends with exit code 1: a difference is not within its
+    /// bound.
     fn check(&self, require: &str) -> PyResult<()> {
         let checked = self.0.check(&requirement(require)?);
         checked.map_err(|message| ComparisonError::new_err(format!("{}: {message}", self.0.new_table().name)))
     }
 
+    /// Writes the report (HTML), with the judgement of what is required.
     #[pyo3(signature = (path, *, require = None))]
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<&str>) -> PyResult<()> {
         let required = require.map(requirement).transpose()?;
@@ -96,22 +142,28 @@ impl Comparison {
     fn __repr__(&self) -> String {
         format!("Comparison('{}')", self.0.conclusion())
     }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
+    }
 }
 
 #[pymethods]
 impl Batch {
-    /// The statistics as `isotherm calibrate turntable --batch --json` prints them.
+    /// The statistics, as `isotherm calibrate turntable --batch --json` prints them: each quantity with its unit,
+    /// median, standard deviation and range.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         document(py, &batch_report::document(&self.0))
     }
 
+    /// The IMUs, in the order of the values.
     #[getter]
     fn devices(&self) -> Vec<String> {
         self.0.devices.clone()
     }
 
-    /// Device, quantity and t of each value that stands out; None under five devices.
+    /// (IMU, quantity, t) of each value that stands out from the others; None under five devices.
     #[getter]
     fn stand_outs(&self) -> Option<Vec<(String, String, f64)>> {
         let found = self.0.stand_outs.as_ref()?.iter();
@@ -127,6 +179,7 @@ impl Batch {
         )
     }
 
+    /// Writes the report (HTML).
     fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let source = BatchSource {
             tool: tool(),
@@ -144,5 +197,9 @@ impl Batch {
 
     fn __repr__(&self) -> String {
         format!("Batch({} devices)", self.0.devices.len())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
     }
 }

@@ -1,7 +1,7 @@
 //! Foreign data as raw samples, and increments as ROS messages, on arrays. The library does the work; this module
 //! converts arguments and results.
 
-use crate::errors::{RecordingFault, faults, file};
+use crate::errors::{RecordingFault, faults, file, in_python};
 use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, raw_bytes};
 use crate::table::Table;
@@ -103,18 +103,19 @@ pub(crate) fn convert(
 
 pub(crate) fn exception(failure: Failure, mapping: Option<(&Path, &str)>) -> PyErr {
     let line = failure.place.as_ref().and_then(|(_, line)| *line);
+    let said = in_python(&failure.message);
     match (failure.exit, mapping) {
         (Exit::Config, Some((name, text))) => {
             let name = name.display().to_string();
             let (whole, known) = (Mapping::from_toml(text).err(), KnownColumns::from_toml(text).err());
             let all = [whole, known].into_iter().flatten();
             let all = all.map(|all| (format!("{name}:{}", all.0.first().map_or(0, |fault| fault.line)), all));
-            let mut said = all.filter(|(begin, _)| failure.message.starts_with(begin));
-            said.next().map_or_else(|| PyValueError::new_err(failure.message), |(_, all)| faults(&name, &all))
+            let mut all_said = all.filter(|(begin, _)| failure.message.starts_with(begin));
+            all_said.next().map_or_else(|| PyValueError::new_err(said), |(_, all)| faults(&name, &all))
         }
-        (Exit::Data, _) => RecordingFault::new_err((failure.message, line)),
-        (Exit::Io, _) => PyOSError::new_err(failure.message),
-        _ => PyValueError::new_err(failure.message),
+        (Exit::Data, _) => RecordingFault::new_err((said, line)),
+        (Exit::Io, _) => PyOSError::new_err(said),
+        _ => PyValueError::new_err(said),
     }
 }
 

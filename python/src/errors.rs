@@ -1,5 +1,6 @@
 //! Converts errors of the libraries to exceptions of `isotherm._errors`.
 
+use crate::records::python;
 use isotherm_client::ConnectError;
 use isotherm_shared::document::Faults;
 use pyo3::exceptions::PyOSError;
@@ -44,6 +45,12 @@ pub(crate) fn connecting(error: &ConnectError) -> PyErr {
 
 pub(crate) fn transport(error: impl Display) -> PyErr {
     TransportError::new_err(error.to_string())
+}
+
+/// A message of a library with the arguments of Python in the place of the command's options.
+pub(crate) fn in_python(message: &str) -> String {
+    let said = Python::attach(|py| python(py, "_errors", "in_python")?.call1((message,))?.extract());
+    said.unwrap_or_else(|_: PyErr| message.to_owned())
 }
 
 /// The exception for all faults of a text from `source`: its message has one line for each, and it has a list of (line,

@@ -91,7 +91,10 @@ impl<'py> FromPyObject<'_, 'py> for LagState {
     }
 }
 
-/// The number of the device with this serial number.
+/// The number of the device with this serial number, which every sample carries; 0 for blanks.
+///
+/// >>> isotherm.device(""), isotherm.device("SN 42") == isotherm.device("SN 43")
+/// (0, False)
 #[pyfunction]
 pub(crate) fn device(serial: &str) -> u64 {
     isotherm_client::device(serial)

@@ -1,6 +1,6 @@
 //! Verification by the length of gravity over static poses, on arrays.
 
-use crate::errors::StabilityError;
+use crate::errors::{StabilityError, in_python};
 use crate::offline::with_lag;
 use crate::recordings::refuse_disorder;
 use crate::records::{Values, document};
@@ -35,6 +35,6 @@ pub(crate) fn lengths<'py>(
         let made_the_table = origin.is_made_from(&rows.into_iter().collect(), "");
         Ok::<_, MagnitudesError>(Magnitudes { made_the_table, ..lengths })
     });
-    let found = found.map_err(|error| StabilityError::new_err(error.to_string()))?;
+    let found = found.map_err(|error| StabilityError::new_err(in_python(&error.to_string())))?;
     document(py, &report::json(&found, window.unwrap_or(STATIC_POSE_WINDOW_S), required))
 }

@@ -20,6 +20,7 @@ mod recordings;
 mod records;
 mod run;
 mod table;
+mod value;
 mod wait;
 
 use isotherm_shared::wire::Flags;
@@ -61,6 +62,8 @@ mod _isotherm {
     use crate::records::Increment;
     #[pymodule_export]
     use crate::table::{Axis, Polynomial, Table};
+    #[pymodule_export]
+    use crate::value::restored;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

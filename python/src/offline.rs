@@ -1,10 +1,11 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
 use crate::convert::exception;
-use crate::errors::{StabilityError, file};
+use crate::errors::{StabilityError, file, in_python};
 use crate::recordings::{order_fault, refuse_disorder};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
 use crate::table::Table;
+use crate::value::{Reduced, Value, reduced};
 use isotherm_fit::{Origin, tool};
 use isotherm_pipeline::{now, repair_into};
 use isotherm_recording::Continuity;
@@ -23,9 +24,9 @@ use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stabili
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::fs::File;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// The increments of raw samples; samples and increments are bytes.
 #[pyfunction]
@@ -130,10 +131,16 @@ fn point(index: usize, x: f64, y: f64, weight: Option<f64>) -> Result<DataPoint,
     }
 }
 
-/// The stability of an output.
-#[pyclass(frozen, module = "isotherm")]
+/// Stability of an output by axis. The figures are of (mean of a window - specific force) [g0], over all windows that
+/// count.
+///
+/// >>> table = isotherm.calibrate_turntable("campaign/campaign.toml").table
+/// >>> stability = isotherm.verify(table, isotherm.read_recording("still.csv"), attitude=(0.6, -0.48, 0.64))
+/// >>> [(bound, met) for bound, met, message in stability.judge("bias=100ug0,factor=5")]
+/// [('factor', True), ('bias', True)]
+#[pyclass(frozen, eq, hash, module = "isotherm")]
 pub struct Stability {
-    table: Arc<CoefficientTable>,
+    table: Table,
     figures: Figures,
     window_s: f64,
     recording: String,
@@ -173,7 +180,7 @@ pub(crate) fn verify(
 ) -> PyResult<Stability> {
     let accepts_holes = crate::calibration::accepted(&accept)?.contains(&name::NOT_COVERED);
     let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
-    let setup = setup.at_angles(&table.0, angles).map_err(PyValueError::new_err)?;
+    let setup = setup.at_angles(&table.0, angles).map_err(|message| PyValueError::new_err(in_python(&message)))?;
     py.detach(|| refuse_disorder(&recording, &samples))?;
     let figures = py.detach(|| {
         let mut collector = Collector::new(&table.0, window);
@@ -181,8 +188,8 @@ pub(crate) fn verify(
         let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
         collector.finish(&setup).map(|stability| Figures { made_the_table, accepts_holes, ..stability })
     });
-    let figures = figures.map_err(|error| StabilityError::new_err(error.to_string()))?;
-    Ok(Stability { table: Arc::clone(&table.0), figures, window_s: window, recording })
+    let figures = figures.map_err(|error| StabilityError::new_err(in_python(&error.to_string())))?;
+    Ok(Stability { table: table.share(), figures, window_s: window, recording })
 }
 
 impl Stability {
@@ -192,84 +199,127 @@ impl Stability {
     }
 }
 
+impl Value for Stability {
+    const NAME: &'static str = "Stability";
+    /// The text of the table, the figures, the length of a window, and the name of the recording.
+    type State = (String, Figures, f64, String);
+
+    fn state(&self) -> Cow<'_, Self::State> {
+        Cow::Owned((self.table.text().to_owned(), self.figures.clone(), self.window_s, self.recording.clone()))
+    }
+
+    fn of((table, figures, window_s, recording): Self::State) -> PyResult<Self> {
+        Ok(Self { table: Table::of(table)?, figures, window_s, recording })
+    }
+}
+
 #[pymethods]
 impl Stability {
+    /// Standard deviation with the coefficients frozen at mid temperature.
     #[getter]
     fn sd_before(&self) -> (f64, f64, f64) {
         self.by_axis(|axis| axis.sd_before)
     }
 
+    /// Root mean square with the coefficients frozen at mid temperature.
     #[getter]
     fn rms_before(&self) -> (f64, f64, f64) {
         self.by_axis(|axis| axis.rms_before)
     }
 
+    /// Standard deviation of the full model.
     #[getter]
     fn sd_after(&self) -> (f64, f64, f64) {
         self.by_axis(|axis| axis.sd_after)
     }
 
+    /// Root mean square of the full model.
     #[getter]
     fn rms_after(&self) -> (f64, f64, f64) {
         self.by_axis(|axis| axis.rms_after)
     }
 
+    /// Ratio of the standard deviations, before / after.
     #[getter]
     fn factor(&self) -> (f64, f64, f64) {
         self.by_axis(isotherm_verification::AxisStability::factor)
     }
 
+    /// The specific force, which is subtracted from the outputs [g0].
     #[getter]
     fn specific_force(&self) -> (f64, f64, f64) {
         self.figures.specific_force.into()
     }
 
+    /// Whether the attitude was given; else it is the median of the output.
     #[getter]
     fn stated(&self) -> bool {
         self.figures.stated
     }
 
+    /// Samples without a valid interval.
     #[getter]
     fn left_out(&self) -> u64 {
         self.figures.left_out
     }
 
+    /// Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left
+    /// out. Else None.
     #[getter]
     fn warning(&self) -> Option<String> {
-        self.figures.nothing_claimed()
+        self.figures.nothing_claimed().map(|message| in_python(&message))
     }
 
+    /// Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has
+    /// the counts.
     #[getter]
     fn time_warning(&self) -> Option<String> {
         self.figures.time_fault.map(|fault| fault.to_string())
     }
 
-    /// What the command prints: severity and the rest of the line, without the recording.
+    /// What `isotherm verify` prints: severity and the rest of the line, without the recording.
     #[getter]
     fn findings(&self) -> Vec<(&'static str, String)> {
-        let line = |finding: &Finding| (finding.severity.name(), format!("[{}]: {finding}", finding.name));
+        let line = |finding: &Finding| (finding.severity.name(), in_python(&format!("[{}]: {finding}", finding.name)));
         self.figures.findings(false).iter().map(line).collect()
     }
 
-    /// The document of `isotherm verify --json`.
+    /// The errors that the run allows to be claimed: the document of `isotherm verify --json`, without a requirement.
+    ///
+    /// Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`,
+    /// each with `value` and `interval`, the half width of the 95 % interval. What cannot be judged is None: every
+    /// constant error but that of the length if the attitude is not stated, and the length if local gravity is unknown.
+    /// `covered` says which part of the table's range the run covers, the largest hole in it, and which channels the
+    /// run drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and
+    /// `random_walk_deg_sqrt_h`; or `not_judged`.
     #[getter]
     fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         document(py, &verification(&self.figures, self.window_s, None))
     }
 
-    /// For each bound: its name, whether it is met, and the judgement in words.
+    /// Judges each bound of `require`: (bound, whether the run shows that it is met, the judgement in words).
+    ///
+    /// `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h"; a number
+    /// is the least factor of stability.
     fn judge(&self, require: Require) -> PyResult<Vec<(&'static str, bool, String)>> {
         let judgements = require.requirement()?.judge(&self.figures);
-        Ok(judgements.into_iter().map(|judgement| (judgement.bound, judgement.met, judgement.message)).collect())
+        Ok(judgements
+            .into_iter()
+            .map(|judgement| (judgement.bound, judgement.met, in_python(&judgement.message)))
+            .collect())
     }
 
-    /// Raises an exception where the command ends with exit code 1.
+    /// Raises StabilityError where `isotherm verify --require` ends with exit code 1.
+    ///
+    /// That is, if nothing can be claimed (see `warning`), if the run has fewer than 12 windows, or if a bound of
+    /// `require` is not met. The message has a line for each reason; the last one has the remedies.
     fn check(&self, require: Require) -> PyResult<()> {
         let requirement = require.requirement()?;
         let verdict = requirement.check(&self.figures);
-        verdict.map_err(|message| StabilityError::new_err(format!("{}: {message}", self.recording)))
+        verdict.map_err(|message| StabilityError::new_err(in_python(&format!("{}: {message}", self.recording))))
     }
 
+    /// All windows, as WINDOW.
     #[getter]
     fn windows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let mut bytes = Vec::new();
@@ -283,22 +333,27 @@ impl Stability {
         view(array(py, bytes), "WINDOW")
     }
 
+    /// Writes the report (HTML), with the judgement of what is required.
     #[pyo3(signature = (path, *, require = None))]
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
         let source = VerificationSource {
             tool: tool(),
             time: now(),
-            table: self.table.content().imu.to_string(),
+            table: self.table.0.content().imu.to_string(),
             recording: self.recording.clone(),
             window_s: self.window_s,
             required: require.map(Require::requirement).transpose()?,
         };
-        let page = html(&self.table, &self.figures, &source);
+        let page = html(&self.table.0, &self.figures, &source);
         python(py, "_files", "write_text")?.call1((path, page)).map(drop)
     }
 
     fn __repr__(&self) -> String {
         let (a1, a2, a3) = self.factor();
         format!("Stability(factor=({a1:.2}, {a2:.2}, {a3:.2}))")
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
     }
 }

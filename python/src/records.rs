@@ -1,10 +1,13 @@
 //! Samples and increments as bytes of NumPy's structured arrays, and the Python class `Increment`.
 
+use crate::value::{Reduced, Value, reduced};
 use core::ops::Deref;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, Triad};
 use numpy::{Element, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
+use std::borrow::Cow;
 
 /// Size of a raw sample \[bytes\].
 pub(crate) const RAW: usize = size_of::<RawSample>();
@@ -157,7 +160,12 @@ pub(crate) fn python<'py>(py: Python<'py>, module: &str, name: &str) -> PyResult
 
 /// A JSON document as Python's dictionaries, lists and numbers.
 pub(crate) fn document<'py>(py: Python<'py>, document: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
-    py.import("json")?.call_method1("loads", (document.to_string(),))
+    parsed(py, &document.to_string())
+}
+
+/// The text of a JSON document as Python's dictionaries, lists and numbers.
+pub(crate) fn parsed<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> {
+    py.import("json")?.call_method1("loads", (text,))
 }
 
 /// The bytes of the records of `samples` (an array or a data frame): `isotherm._records.sample_bytes`.
@@ -193,75 +201,119 @@ pub(crate) fn array(py: Python<'_>, bytes: Vec<u8>) -> Bound<'_, PyArray1<u8>> {
     PyArray1::from_vec(py, bytes)
 }
 
-/// Exactly three values, from any sequence or array.
+/// Exactly three values, from any sequence or array; `name` is that of the argument, `allowed` says what it may be.
+///
+/// # Errors
+/// `TypeError` or `ValueError` with both.
 pub(crate) fn triple<'py, T: for<'a> FromPyObject<'a, 'py, Error: Into<PyErr>>>(
     name: &str,
+    allowed: &str,
     values: &Bound<'py, PyAny>,
 ) -> PyResult<[T; AXES]> {
-    let wrong = || {
-        pyo3::exceptions::PyValueError::new_err(format!("{name}: give three values, one for each sensor of the triad"))
+    let list = || -> PyResult<Vec<T>> {
+        values.try_iter()?.take(AXES + 1).map(|value| value?.extract().map_err(Into::into)).collect()
     };
-    let list = values.try_iter()?.map(|value| value?.extract::<T>().map_err(Into::into));
-    let list = list.take(AXES + 1).collect::<PyResult<Vec<_>>>()?;
-    list.try_into().map_err(|_| wrong())
+    let wrong = || format!("{name} is {values}, give three {allowed}, one for each sensor of the triad");
+    let list = list().map_err(|error| match error.is_instance_of::<PyTypeError>(values.py()) {
+        true => PyTypeError::new_err(wrong()),
+        false => PyValueError::new_err(wrong()),
+    })?;
+    list.try_into().map_err(|_| PyValueError::new_err(wrong()))
 }
 
-/// One increment, the answer of the service.
-#[pyclass(frozen, module = "isotherm", name = "Increment")]
+/// What pulses may be.
+pub(crate) const PULSES: &str = "whole numbers from 0 to 4294967295";
+/// What temperatures and readings may be.
+pub(crate) const NUMBERS: &str = "numbers";
+
+/// One increment.
+///
+/// >>> samples = isotherm.read_recording("run.csv")
+/// >>> with isotherm.Acquisition("imu-a") as acquisition:
+/// ...     increment = acquisition.compensate(samples[0])
+/// >>> increment.sequence == int(samples[0]["sequence"]), bool(increment.flags & isotherm.Flags.INVALID)
+/// (True, False)
+#[pyclass(frozen, eq, hash, module = "isotherm", name = "Increment")]
 pub struct Increment(pub CompensatedIncrement);
+
+impl Value for Increment {
+    const NAME: &'static str = "Increment";
+    /// Its record.
+    type State = Vec<u8>;
+
+    fn state(&self) -> Cow<'_, Vec<u8>> {
+        Cow::Owned(increment_bytes(&self.0).to_vec())
+    }
+
+    fn of(record: Vec<u8>) -> PyResult<Self> {
+        Ok(Self(Fields(&record).increment()))
+    }
+}
 
 #[pymethods]
 impl Increment {
+    /// The session of the acquisition that sent the sample.
     #[getter]
     fn session(&self) -> u64 {
         self.0.session
     }
 
+    /// The number of the sample in its session.
     #[getter]
     fn sequence(&self) -> u64 {
         self.0.sequence
     }
 
+    /// End of the control period on the acquisition's clock [ns].
     #[getter]
     fn timestamp_ns(&self) -> u64 {
         self.0.timestamp_ns
     }
 
+    /// Control period [ns].
     #[getter]
     fn interval_ns(&self) -> u64 {
         self.0.interval_ns
     }
 
+    /// Along A1, A2, A3 [m/s]; NaN where it could not be computed.
     #[getter]
     fn velocity_increment(&self) -> (f64, f64, f64) {
         self.0.velocity_increment.into()
     }
 
+    /// About G1, G2, G3 [rad]; NaN where it could not be computed, and where the table has no gyroscopes.
     #[getter]
     fn angle_increment(&self) -> (f64, f64, f64) {
         self.0.angle_increment.into()
     }
 
+    /// The mean over the interval [m/s2]; NaN where the velocity increment is NaN, and for an interval of 0.
     #[getter]
     fn specific_force(&self) -> (f64, f64, f64) {
         self.0.specific_force().into()
     }
 
+    /// The mean over the interval [rad/s]; NaN where the angle increment is NaN, and for an interval of 0. Earth's rate
+    /// is in it.
     #[getter]
     fn angular_rate(&self) -> (f64, f64, f64) {
         self.0.angular_rate().into()
     }
 
+    /// The `Table.id` of the table that was used; 0 without one.
     #[getter]
     fn table(&self) -> u64 {
         self.0.table
     }
 
+    /// The bits of `Flags`.
     #[getter]
     fn flags(&self) -> u64 {
         self.0.flags
     }
 
+    /// Time from sending the sample to just before publishing [ns].
     #[getter]
     fn latency_ns(&self) -> u64 {
         self.0.latency_ns
@@ -278,5 +330,9 @@ impl Increment {
         // Without gyroscopes every angle is NaN, and not worth a word.
         let angle = if da.iter().all(|da| da.is_nan()) { String::new() } else { format!(", angle_increment={da:?}") };
         format!("Increment(sequence={sequence}, velocity_increment={dv:?}{angle}, flags='{flags}', table={table:016x})")
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
     }
 }

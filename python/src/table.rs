@@ -2,19 +2,28 @@
 
 use crate::errors::{TableError, faults, file};
 use crate::records::Values;
+use crate::value::{Reduced, Value, reduced};
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_shared::polynomial::Polynomial as Curve;
 use isotherm_shared::table::{Axis as Coefficients, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use numpy::{PyArray1, PyArrayMethods as _};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::borrow::Cow;
 use std::fs::File;
+use std::hash::{Hash, Hasher};
 use std::io::{self, Read as _};
 use std::ops::Index;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A valid coefficient table, and the text of its file with the provenance.
+/// A valid coefficient table. `str()` gives the text of its file, without provenance. Two are equal if their digests
+/// are.
+///
+/// >>> table = isotherm.Table.load("imu-a.toml")
+/// >>> table.imu, table.temperature_unit, [axis.name for axis in table.axes]
+/// ('imu-a', 'V', ['A1', 'A2', 'A3'])
 #[pyclass(frozen, module = "isotherm")]
 pub struct Table(pub Arc<CoefficientTable>, Arc<str>);
 
@@ -24,26 +33,44 @@ impl Table {
         Self(Arc::new(table), text.into())
     }
 
+    /// The same table.
+    pub fn share(&self) -> Self {
+        Self(Arc::clone(&self.0), Arc::clone(&self.1))
+    }
+
     /// The text of its file, with the provenance.
     pub fn text(&self) -> &str {
         &self.1
     }
 }
 
-/// The coefficients of one accelerometer or gyroscope.
-#[pyclass(frozen, module = "isotherm")]
+/// The coefficients of one accelerometer or gyroscope. Two are equal by name and coefficients, whatever table they are
+/// of.
+///
+/// >>> axis = isotherm.Table.load("imu-a.toml").axes[0]
+/// >>> axis.name, axis.bias.unit, axis.positive_scale_factor.unit
+/// ('A1', 'ug0', 'pulse/(s*g0)')
+#[pyclass(frozen, eq, hash, module = "isotherm")]
 pub struct Axis {
-    name: &'static str,
+    table: Arc<CoefficientTable>,
     kind: SensorKind,
-    axis: Coefficients,
-    g_sensitivity: Option<[f64; 3]>,
+    index: usize,
 }
 
-/// A polynomial of temperature.
-#[pyclass(frozen, module = "isotherm")]
+/// A polynomial of temperature. A call evaluates it as the service does, inside its range or outside: a number gives a
+/// number, an array of any shape an array of that shape.
+///
+/// `coefficients`, 1 to 8, are those of (temperature - `center`) / `scale`, c0 first; `range` is where it is
+/// calibrated, everywhere unless given; `unit` is that of its value. Raises ValueError for what cannot be. Two are
+/// equal if all of these are.
+///
+/// >>> line = isotherm.Polynomial([1.5, 2.0], unit="mg0")
+/// >>> line(2.0), line(np.array([0.0, 1.0]))
+/// (5.5, array([1.5, 3.5]))
+#[pyclass(frozen, eq, hash, module = "isotherm")]
 pub struct Polynomial {
     curve: Curve,
-    unit: &'static str,
+    unit: Cow<'static, str>,
 }
 
 /// The text of a table or campaign file.
@@ -73,92 +100,110 @@ pub(crate) fn read_text(path: &Path) -> PyResult<String> {
 
 #[pymethods]
 impl Table {
+    /// Reads a table file. Raises TableError with all its faults.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         parse(&read_text(&path)?, &path.display().to_string())
     }
 
+    /// Reads a table file's text. Raises TableError with all its faults.
     #[staticmethod]
     fn parse(text: &str) -> PyResult<Self> {
         parse(text, "table")
     }
 
+    /// The IMU that it is of.
     #[getter]
     fn imu(&self) -> &str {
         self.0.content().imu.as_str()
     }
 
+    /// The serial number of the device, if it names one.
     #[getter]
     fn serial(&self) -> Option<&str> {
         self.0.content().serial.as_deref()
     }
 
+    /// The value of 1 g0 [m/s2].
     #[getter]
     fn gravity(&self) -> f64 {
         self.0.content().gravity
     }
 
+    /// Local gravity where the table was measured [m/s2], of its provenance. It is not part of the digest.
     #[getter]
     fn gravity_local(&self) -> Option<f64> {
         self.0.gravity_local()
     }
 
+    /// The unit of all its temperatures, for example V or degC.
     #[getter]
     fn temperature_unit(&self) -> &str {
         &self.0.content().temperature_unit
     }
 
+    /// clamp, extrapolate or reject.
     #[getter]
     fn out_of_range(&self) -> &'static str {
         self.0.content().out_of_range.name()
     }
 
+    /// How old temperatures may be before increments are flagged TELEMETRY_STALE [s]; None for no limit.
     #[getter]
     fn max_age_s(&self) -> Option<f64> {
         self.0.content().max_age_s
     }
 
+    /// `sha256:` and 64 hexadecimal digits.
     #[getter]
     fn digest(&self) -> String {
         self.0.digest().to_string()
     }
 
+    /// The first 8 bytes of the digest; every increment carries this number.
     #[getter]
     fn id(&self) -> u64 {
         self.0.id()
     }
 
+    /// Time constant of the lagged temperature [s].
     #[getter]
     fn lag_s(&self) -> Option<f64> {
         self.0.content().lag_s
     }
 
+    /// The control period that the scale factors are of [s]; None if they are of none.
     #[getter]
     fn nominal_interval_s(&self) -> Option<f64> {
         self.0.content().nominal_interval_s
     }
 
+    /// The number of the device that it belongs to: `device(serial)`; 0 without a serial number.
     #[getter]
     fn device(&self) -> u64 {
         self.0.device()
     }
 
+    /// A1, A2, A3.
     #[getter]
     fn axes(&self) -> (Axis, Axis, Axis) {
-        axes(SensorKind::Accelerometer, &self.0.content().axes, [None; 3])
+        axes(&self.0, SensorKind::Accelerometer)
     }
 
+    /// Body-frame increment = matrix * sensor increment.
     #[getter]
     fn alignment(&self) -> Option<[[f64; 3]; 3]> {
         self.0.content().alignment.as_ref().map(rows)
     }
 
+    /// G1, G2, G3, or None.
     #[getter]
     fn gyroscopes(&self) -> Option<(Axis, Axis, Axis)> {
-        let gyroscopes = self.0.content().gyroscopes.as_ref()?;
-        Some(axes(SensorKind::Gyroscope, &gyroscopes.axes, gyroscopes.g_sensitivity))
+        self.0.content().gyroscopes.as_ref()?;
+        Some(axes(&self.0, SensorKind::Gyroscope))
     }
 
+    /// Body-frame angle increment = matrix * sensor increment.
     #[getter]
     fn gyroscope_alignment(&self) -> Option<[[f64; 3]; 3]> {
         self.0.content().gyroscopes.as_ref()?.alignment.as_ref().map(rows)
@@ -179,16 +224,98 @@ impl Table {
     fn __hash__(&self) -> u64 {
         self.0.id()
     }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
+    }
 }
 
-fn axes(kind: SensorKind, axes: &[Coefficients; 3], g_sensitivity: [Option<[f64; 3]>; 3]) -> (Axis, Axis, Axis) {
-    let axis = |index: usize| Axis {
-        name: kind.names()[index],
-        kind,
-        axis: axes[index].clone(),
-        g_sensitivity: g_sensitivity[index],
-    };
-    [0, 1, 2].map(axis).into()
+fn axes(table: &Arc<CoefficientTable>, kind: SensorKind) -> (Axis, Axis, Axis) {
+    [0, 1, 2].map(|index| Axis { table: Arc::clone(table), kind, index }).into()
+}
+
+impl Axis {
+    /// Its coefficients; those of the accelerometer of this index for a gyroscope that is not there.
+    fn axis(&self) -> &Coefficients {
+        let content = self.table.content();
+        let gyroscopes = content.gyroscopes.as_ref().filter(|_| self.kind == SensorKind::Gyroscope);
+        &gyroscopes.map_or(&content.axes, |gyroscopes| &gyroscopes.axes)[self.index]
+    }
+
+    /// Of a gyroscope.
+    fn g_sensitivities(&self) -> Option<[f64; 3]> {
+        let gyroscopes = self.table.content().gyroscopes.as_ref().filter(|_| self.kind == SensorKind::Gyroscope)?;
+        gyroscopes.g_sensitivity[self.index]
+    }
+
+    fn curve(&self, curve: Curve, unit: &'static str) -> Polynomial {
+        Polynomial { curve, unit: unit.into() }
+    }
+}
+
+/// Axes are equal by name and coefficients, whatever table they are of.
+impl PartialEq for Axis {
+    fn eq(&self, other: &Self) -> bool {
+        (self.kind, self.index, self.axis(), self.g_sensitivities())
+            == (other.kind, other.index, other.axis(), other.g_sensitivities())
+    }
+}
+
+impl Hash for Axis {
+    fn hash<H: Hasher>(&self, hasher: &mut H) {
+        self.kind.names()[self.index].hash(hasher);
+        self.axis().bias.coefficients().iter().for_each(|value| value.to_bits().hash(hasher));
+    }
+}
+
+impl Value for Table {
+    const NAME: &'static str = "Table";
+    type State = String;
+
+    fn state(&self) -> Cow<'_, String> {
+        Cow::Owned(self.text().to_owned())
+    }
+
+    fn of(text: String) -> PyResult<Self> {
+        parse(&text, "table")
+    }
+}
+
+impl Value for Axis {
+    const NAME: &'static str = "Axis";
+    /// The table, and which sensor.
+    type State = (String, SensorKind, usize);
+
+    fn state(&self) -> Cow<'_, Self::State> {
+        Cow::Owned((self.table.to_toml(), self.kind, self.index))
+    }
+
+    fn of((table, kind, index): Self::State) -> PyResult<Self> {
+        let Table(table, _) = parse(&table, "table")?;
+        Ok(Self { table, kind, index: index.min(2) })
+    }
+}
+
+impl Value for Polynomial {
+    const NAME: &'static str = "Polynomial";
+    /// Coefficients, center, scale, range and unit.
+    type State = (Vec<f64>, f64, f64, [f64; 2], String);
+
+    fn state(&self) -> Cow<'_, Self::State> {
+        let coefficients = self.curve.coefficients().to_vec();
+        Cow::Owned((coefficients, self.curve.center(), self.curve.scale(), self.curve.range(), self.unit.to_string()))
+    }
+
+    fn of((coefficients, center, scale, range, unit): Self::State) -> PyResult<Self> {
+        let wrong =
+            "give 1 to 8 finite coefficients, a finite center, a scale that is not 0, and a range from low to high";
+        let curve = Curve::new(&coefficients, center, scale, range).ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "coefficients are {coefficients:?}, center is {center}, scale is {scale}, range is {range:?}: {wrong}"
+            ))
+        })?;
+        Ok(Self { curve, unit: unit.into() })
+    }
 }
 
 fn rows(matrix: &impl Index<(usize, usize), Output = f64>) -> [[f64; 3]; 3] {
@@ -202,71 +329,96 @@ fn parse(text: &str, source: &str) -> PyResult<Table> {
 
 #[pymethods]
 impl Axis {
+    /// A1, A2, A3, G1, G2 or G3.
     #[getter]
     fn name(&self) -> &'static str {
-        self.name
+        self.kind.names()[self.index]
     }
 
+    /// Bias against head temperature.
     #[getter]
     fn bias(&self) -> Polynomial {
-        Polynomial { curve: self.axis.bias, unit: self.axis.bias_unit.name() }
+        self.curve(self.axis().bias, self.axis().bias_unit.name())
     }
 
+    /// What the bias has in addition for each unit of (lagged - present) head temperature, in `bias.unit`; 0 for none.
     #[getter]
     fn transient(&self) -> f64 {
-        self.axis.transient
+        self.axis().transient
     }
 
+    /// K+ against board temperature.
     #[getter]
     fn positive_scale_factor(&self) -> Polynomial {
-        Polynomial { curve: self.axis.positive_scale_factor, unit: self.kind.scale_factor_unit() }
+        self.curve(self.axis().positive_scale_factor, self.kind.scale_factor_unit())
     }
 
+    /// K- against board temperature, negative.
     #[getter]
     fn negative_scale_factor(&self) -> Polynomial {
-        Polynomial { curve: self.axis.negative_scale_factor, unit: self.kind.scale_factor_unit() }
+        self.curve(self.axis().negative_scale_factor, self.kind.scale_factor_unit())
     }
 
+    /// Plausibility limit [pulse/s].
     #[getter]
     fn max_rate(&self) -> Option<f64> {
-        self.axis.max_rate
+        self.axis().max_rate
     }
 
+    /// Of a gyroscope: what it indicates for specific force along each of the IMU's axes [deg/h/g0].
     #[getter]
     fn g_sensitivity(&self) -> Option<(f64, f64, f64)> {
-        self.g_sensitivity.map(Into::into)
+        self.g_sensitivities().map(Into::into)
     }
 
     fn __repr__(&self) -> String {
-        format!("Axis('{}')", self.name)
+        format!("Axis('{}')", self.name())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
     }
 }
 
 #[pymethods]
 impl Polynomial {
-    #[getter]
-    fn unit(&self) -> &'static str {
-        self.unit
+    #[new]
+    #[pyo3(signature = (coefficients, *, center = 0.0, scale = 1.0, range = None, unit = ""))]
+    fn new(coefficients: Vec<f64>, center: f64, scale: f64, range: Option<[f64; 2]>, unit: &str) -> PyResult<Self> {
+        let range = range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        // A curve has a finite range.
+        Self::of((coefficients, center, scale, range.map(|end| end.clamp(f64::MIN, f64::MAX)), unit.to_owned()))
     }
 
+    /// The unit of its value.
+    #[getter]
+    fn unit(&self) -> &str {
+        &self.unit
+    }
+
+    /// The coefficients of (temperature - center) / scale, c0 first.
     #[getter]
     fn coefficients<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.curve.coefficients())
     }
 
+    /// The temperature that is subtracted first.
     #[getter]
     fn center(&self) -> f64 {
         self.curve.center()
     }
 
+    /// What the difference from `center` is divided by.
     #[getter]
     fn scale(&self) -> f64 {
         self.curve.scale()
     }
 
+    /// Lower and upper end of the calibrated temperature.
     #[getter]
     fn range(&self) -> (f64, f64) {
-        self.curve.range().into()
+        let infinite = |end: f64| if end.abs() == f64::MAX { end.signum() * f64::INFINITY } else { end };
+        self.curve.range().map(infinite).into()
     }
 
     /// The value at one temperature, or at each temperature of an array.
@@ -288,5 +440,9 @@ impl Polynomial {
 
     fn __repr__(&self) -> String {
         format!("Polynomial({:?}, range={:?}, unit='{}')", self.curve.coefficients(), self.curve.range(), self.unit)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        reduced(py, self)
     }
 }

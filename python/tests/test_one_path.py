@@ -11,6 +11,7 @@ from typing import Any
 
 import isotherm
 from conftest import BINARY, CAMPAIGN, REPOSITORY, WHOLE_CAMPAIGN, WHOLE_TABLE
+from isotherm._errors import in_python
 
 DATA = REPOSITORY / "calibration/fit/tests/data"
 GRAVITY_ONLY = """format = 1
@@ -74,6 +75,8 @@ def test_the_command_and_the_package_are_one_path(tmp_path: Path) -> None:
         code, findings = command("calibrate", "tumble" if by_hand else "turntable", campaign, "-o", output, *arguments)
         same, told, text = package(campaign, by_hand, **options)
         assert code == same, (name, code, findings, told)
+        # The package says arguments where the command says options.
+        findings = [in_python(finding) for finding in findings]
         if code == 0:
             # Lines of the samples have their file in front; the package gives them apart.
             bare = [re.sub(r"\]: \S+?:\d+: ", "]: ", finding) for finding in findings]

@@ -533,7 +533,8 @@ def test_a_reader_waits_with_a_selector_and_knows_whether_the_service_lives(
     domain: DomainUnderTest, recorded: isotherm.Records
 ) -> None:
     with isotherm.IncrementReader("imu-a", timeout=None) as early:
-        assert early.heartbeat_age() is None
+        with pytest.raises(isotherm.NoService, match="seen at work"):
+            early.heartbeat_age(timeout=0.0)
         with pytest.raises(isotherm.NoService):
             early.fileno()
     service = domain.serve()
@@ -565,9 +566,9 @@ def test_a_reader_waits_with_a_selector_and_knows_whether_the_service_lives(
             sequence = acquisition.compensate(loan, TIMEOUT).sequence
             assert selector.select(TIMEOUT)
             assert reader.read_available()["sequence"].tolist() == [sequence]
-        wait_for(lambda: (reader.heartbeat_age() or 9.0) < 0.5, "a heartbeat")
+        wait_for(lambda: reader.heartbeat_age() < 0.5, "a heartbeat")
         service.kill()
-        wait_for(lambda: (reader.heartbeat_age() or 0.0) > 2.0, "no heartbeat")
+        wait_for(lambda: reader.heartbeat_age() > 2.0, "no heartbeat")
 
 
 def test_the_exception_says_why_connecting_failed(domain: DomainUnderTest) -> None:
@@ -600,10 +601,10 @@ def test_wrong_samples_are_refused(domain: DomainUnderTest, recorded: isotherm.R
         loan = acquisition.loan()
         with pytest.raises(OverflowError):
             loan.interval_ns = -1
-        with pytest.raises(OverflowError):
+        with pytest.raises(ValueError, match="whole numbers"):
             loan.accelerometers.positive_pulses = (1, 2, 2**32)
         for values in ((1, 2), (1, 2, 3, 4), ()):
-            with pytest.raises(ValueError, match="three values"):
+            with pytest.raises(ValueError, match="three whole numbers"):
                 loan.accelerometers.negative_pulses = values
         for wrong in (("a", 1.0, 2.0), 3.0, None):
             with pytest.raises(TypeError):

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import isotherm
+import numpy as np
 import pytest
 from conftest import BINARY, REPOSITORY
 
@@ -117,3 +118,21 @@ def test_files_of_other_programs_are_read_with_a_mapping(tmp_path: Path) -> None
         isotherm.calibrate_tumble(CAMPAIGN, text, mapping=wrong)
     with pytest.raises(ValueError, match="interval is 0"):
         isotherm.calibrate_tumble(CAMPAIGN, text, mapping=mapping, interval=0)
+
+
+def test_a_tumble_has_poses_residuals_and_accuracy() -> None:
+    found = isotherm.calibrate_tumble(CAMPAIGN, XSENS, temperature_range=RANGE)
+    assert len(found.dwells) == 40 and found.residuals.shape == (40, 1)
+    assert np.sqrt((found.residuals**2).mean()) == pytest.approx(found.summary["residual_rms_g0"])
+    samples = isotherm.read_recording(XSENS)
+    rows = [row for _, _, first, last, _ in found.dwells for row in (first, last)]
+    assert rows == sorted(rows) and 0 <= rows[0] and rows[-1] < len(samples)
+    assert [number for _, number, *_ in found.dwells] == list(range(1, 41))
+    for temperature, _, first, last, seconds in found.dwells:
+        part = samples[first : last + 1]
+        assert temperature == pytest.approx(part["accelerometers"]["head_temperature"].mean())
+        assert 0.0 < seconds <= part["interval_ns"].sum() / 1e9 + 1e-9
+    assert re.fullmatch(
+        r"bias \+- .*e-6 g0, scale factor \+- .* ppm over .* degC, 95 % for each whole curve, from 40 static poses, residuals .*e-6 g0 rms",
+        found.accuracy,
+    )

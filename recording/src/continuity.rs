@@ -22,6 +22,7 @@ use isotherm_shared::sequence::{Period, Seen, excess_ns, periods_between, time_s
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::MAX_INTERVAL_NS;
 use isotherm_support::finding::{Finding, name};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// More missing rows than this share of all are worth a warning.
@@ -70,7 +71,7 @@ pub struct Continuity {
 }
 
 /// How many rows are missing, and how often time steps.
-#[derive(Clone, Copy, Debug, Default, Eq, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq, Serialize)]
 pub struct Losses {
     /// Rows that are missing within a session by their sequences.
     pub missing: u64,
@@ -96,7 +97,7 @@ const fn is_zero(count: &u64) -> bool {
 }
 
 /// Where time is lost, counted twice, or the intervals are wrong.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub struct TimeFault {
     /// Sequence of the row at which it shows.
     pub sequence: u64,

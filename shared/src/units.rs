@@ -2,6 +2,7 @@
 //! of sensor.
 
 use crate::wire::AXES;
+use serde::{Deserialize, Serialize};
 
 /// Bias of a sensor, in the base unit of its kind: g0 or deg/h.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +23,7 @@ pub const CELSIUS: [&str; 3] = ["degC", "\u{b0}C", "C"];
 pub const ARCSEC: f64 = core::f64::consts::PI / 648_000.0;
 
 /// The kind of a sensor, and so of a triad.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub enum SensorKind {
     /// A1, A2, A3: specific force. The base unit of the bias is the table's 1 g0.
     Accelerometer,

@@ -122,7 +122,7 @@ impl CalibrationOutcome {
             Self::Campaign(found) => Accuracy::of(found).to_string(),
             Self::Ramps(found) => found.accuracy(),
             Self::WarmUp(found) => found.accuracy(),
-            Self::Tumble(found) => format!("residuals {:.2}e-6 g0 rms", found.residual_rms() * 1e6),
+            Self::Tumble(found) => found.accuracy(),
         }
     }
 }

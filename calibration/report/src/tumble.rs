@@ -64,16 +64,12 @@ fn values_at_mid_temperature(calibration: &TumbleCalibration) -> String {
 
 /// The largest bands of the whole curves, if all are known.
 fn largest_bands(calibration: &TumbleCalibration) -> Option<String> {
-    let largest = |quantity: usize, relative: bool| {
-        let bands = calibration.curves.iter().map(|curves| largest_band(&curves[quantity], relative));
-        bands.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)))
-    };
-    let (bias, plus, minus) = (largest(0, false)?, largest(1, true)?, largest(2, true)?);
+    let [bias, scale_factors] = calibration.largest_bands()?;
     let [low, high] = joint_range(calibration.curves.iter().flatten().map(Curve::measured));
     Some(format!(
         "  largest 95 % band for each whole curve over the temperature of the static poses, {low:.2} to {high:.2}: bias {:.2}e-6 g0, scale factors {:.2} ppm\n",
         bias * 1e6,
-        plus.max(minus) * 1e6
+        scale_factors * 1e6
     ))
 }
 

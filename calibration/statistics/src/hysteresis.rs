@@ -5,6 +5,7 @@
 //! tells them apart (see transients).
 
 use core::ops::Range;
+use serde::{Deserialize, Serialize};
 
 /// A turn counts if the temperature goes back by more than this part of its range.
 const LEAST_TURN: f64 = 0.15;
@@ -84,7 +85,7 @@ pub fn sweeps(temperature: &[f64]) -> Vec<Sweep> {
 }
 
 /// Mean residual over a short time at rest.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct LoopPoint {
     /// Mean head temperature.
     pub temperature: f64,

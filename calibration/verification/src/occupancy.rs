@@ -1,5 +1,7 @@
 //! Which temperatures of a curve's range judged rows touch: of what lies between, nothing is known.
 
+use serde::{Deserialize, Serialize};
+
 /// Bins of a range.
 const BINS: usize = 40;
 /// Empty bins between two touched ones that count as touched: less than a twentieth of the range lies between.
@@ -19,7 +21,7 @@ pub(crate) const MOST_UNTOUCHED: f64 = 0.1;
 /// let whole = Occupancy::of([0.0, 40.0], [[0.0, 20.0], [22.5, 40.0]]);
 /// assert_eq!((whole.part(), whole.largest_hole()), (1.0, None));
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Occupancy {
     /// Lowest and highest temperature of the curve.
     pub range: [f64; 2],

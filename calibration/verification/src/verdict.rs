@@ -32,7 +32,7 @@ use crate::window::{MIN_WINDOWS, Window};
 use isotherm_shared::table::AXIS_NAMES;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, largest, mean, student_quantile, student_quantile_of};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Fewest windows of a group, if there are as many.
 pub(crate) const MIN_GROUP: usize = 6;
@@ -52,7 +52,7 @@ const EARTH_RADIUS: f64 = 6.371e6;
 /// assert_eq!((error.most(), error.least()), (4.0, 2.0));
 /// assert_eq!(error.times(1e-6).most(), 4e-6); // g0
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -80,7 +80,7 @@ impl Estimate {
 }
 
 /// The errors of one sensor, of the length or of the level.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Errors {
     /// Mean error; `None` where it cannot be judged.
     pub constant: Option<Estimate>,
@@ -95,7 +95,7 @@ pub struct Errors {
 }
 
 /// What the recording allows to be claimed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Verdict {
     /// By accelerometer \[g0\].
     pub axes: [Errors; AXES],

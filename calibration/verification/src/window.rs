@@ -2,12 +2,13 @@
 
 use crate::occupancy::Occupancy;
 use isotherm_shared::wire::AXES;
+use serde::{Deserialize, Serialize};
 
 /// Fewest windows for a standard deviation.
 pub(crate) const MIN_WINDOWS: usize = 3;
 
 /// Means over one window, of the accelerometers \[g0\] or of the gyroscopes \[deg/h\].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Window {
     /// Middle of the window, since the begin of the recording \[s\].
     pub time_s: f64,

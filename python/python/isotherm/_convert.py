@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
+from ._arguments import check
 from ._isotherm import Table
 from ._columns import columns_of, is_arrow, is_frame
 from ._paths import AnyPath
@@ -58,6 +59,15 @@ def convert(
 
     Raises ValueError without a mapping where one is needed, with the mapping that would be; TableError with all faults of a mapping; and
     RecordingFault if the data are wrong.
+
+    >>> rows = np.array([[0.0, 0.1, -0.2, 9.8, 21.0], [0.01, 0.1, -0.2, 9.8, 21.0]])
+    >>> mapping = {
+    ...     "time": {"column": 1, "unit": "s", "interval_s": 0.01},
+    ...     "accelerometer": {"columns": [2, 3, 4], "kind": "reading", "unit": "m/s2", "resolution": 1e-6},
+    ...     "temperature": {"columns": [5, 5, 5]},
+    ... }
+    >>> isotherm.convert(rows, mapping)["accelerometers"]["positive_pulses"][1]
+    array([ 100000,       0, 9800000], dtype=uint32)
     """
     if isinstance(mapping, Mapping) and isinstance(source, np.ndarray) and source.dtype.names is None:
         mapping = {"header": False} | dict(mapping)
@@ -86,6 +96,7 @@ def known(
         text = ("mapping", mapping_toml(mapping))
     elif mapping is not None:
         text = (mapping, _isotherm.read_text(mapping))
+    check(temperature=temperature, interval=interval)
     if temperature is not None and not np.isfinite(temperature):
         raise ValueError(f"temperature is {temperature}, give a finite number")
     if interval is None:
@@ -135,6 +146,10 @@ def write_ros(
 
     A metadata record names `table`, which has computed them, and `table_file`, the name of its file. With the `samples` of the increments, in the
     same order, the head temperature becomes sensor_msgs/msg/Temperature, if the table's temperature is in degC.
+
+    >>> table = isotherm.Table.load("imu-a.toml")
+    >>> increments = isotherm.replay(table, isotherm.read_recording("run.csv"))
+    >>> isotherm.write_ros("imu.mcap", table, increments, table_file="imu-a.toml")
     """
     data = as_bytes(rows_of(increments, INCREMENT))
     raw = None if samples is None else sample_bytes(samples)

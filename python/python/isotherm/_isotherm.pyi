@@ -1,7 +1,7 @@
 # The native module. Users import `isotherm` only.
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Literal, Self, final, overload
 
@@ -54,6 +54,7 @@ __all__ = [
     "regress",
     "repair",
     "replay",
+    "restored",
     "time_warnings",
     "verify",
     "write_increments",
@@ -71,8 +72,14 @@ class Acquisition:
 
     Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
 
-    `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged temperature has: "service" that
-    of the table in force, a number [s], or None: the library keeps no lag then.
+    `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
+    temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
+    ...     increments = acquisition.run(samples[:5])
+    >>> increments["sequence"] == samples["sequence"][:5]
+    array([ True,  True,  True,  True,  True])
     """
 
     def __new__(
@@ -101,77 +108,91 @@ class Acquisition:
         """Whether it has been closed."""
     @property
     def lost(self) -> int:
-        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on loan, or failed,
-        and all that is kept or was dropped there."""
+        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on
+        loan, or failed, and all that is kept or was dropped there.
+        """
     @property
     def dropped_answers(self) -> int:
         """Late answers that were dropped because `depth` of them waited for `receive` already."""
     def close(self) -> tuple[int, int]:
         """Leaves the streams. Loans that have not been sent become invalid. A second call does nothing.
 
-        Returns `lost`, and how many samples are unanswered; if either is not 0 it is logged ("isotherm") and kept in the service's status.
+        Returns `lost`, and how many samples are unanswered; if either is not 0 it is logged ("isotherm") and kept in
+        the service's status.
         """
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
-        """Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this.
+        """Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
+        restored or forgotten after this.
 
         Raises IsothermError if samples are unanswered or kept.
         """
     def reading(self, name: str, temperature: float, time_ns: int) -> None:
-        """Takes a new reading of the head temperature of a sensor, A1 to G3, measured at `time_ns` on the acquisition's clock.
+        """Takes a new reading of the head temperature of a sensor, A1 to G3, measured at `time_ns` on the acquisition's
+        clock.
 
-        Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged temperature.
+        Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged
+        temperature.
         """
     @property
     def lag_ns(self) -> int:
         """The time constant that samples are sent with [ns]; 0 while there is none."""
     def lag_state(self) -> list[_Lagged | None]:
-        """The state of the lag, which `json` can keep: for each sensor None, or time, temperature and lagged temperature of its last reading,
-        the share of an unknown start, and the number of the machine's start that the time is of."""
+        """The state of the lag, which `json` can keep: for each sensor None, or time, temperature and lagged temperature
+        of its last reading, the share of an unknown start, and the number of the machine's start that the time is of.
+        """
     def restore_lag(self, state: Sequence[Sequence[float] | None]) -> None:
         """Goes on with a state of `lag_state`, on the same clock, as if the temperature had gone straight on in the pause.
 
-        A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`. So are all of a state
-        that was kept before the machine was started anew. If your clock goes on over that, set the last number of each sensor to 0.
+        A sensor that is None, or whose next reading is earlier than the kept one, is unknown as after `forget_lag`. So
+        are all of a state that was kept before the machine was started anew. If your clock goes on over that, set the
+        last number of each sensor to 0.
         """
     def forget_lag(self) -> None:
-        """Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a kept state.
+        """Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
+        kept state.
 
-        Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time constants.
+        Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
+        constants.
         """
     def prepare(self) -> None:
-        """Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm.
+        """Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
+        warm.
 
-        Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of microseconds before it.
+        Nobody else sees anything of it. Call it while you wait for the end of a control period, some tens of
+        microseconds before it.
         """
     def loan(self) -> Loan:
         """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
 
-        It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not sent, the service flags
-        the gap. `Loan.cancel` gives back one that stands for none.
+        It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
+        sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.
         """
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
 
-        Raises Full, with the sample, if `depth` samples are unanswered, or samples are kept, which go first, or the service's queue may still
-        be full of samples that were sent again after restarts. `keep` it then.
+        Raises Full, with the sample, if `depth` samples are unanswered, or samples are kept, which go first, or the
+        service's queue may still be full of samples that were sent again after restarts. `keep` it then.
         """
     def keep(self, sample: Loan | Records | np.void) -> None:
-        """Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept` sends it.
+        """Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept`
+        sends it.
 
-        Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another unit, a missing interval,
-        temperature that is not finite on one side, missing time; a record is never added to another. A sum of readings has 64 nominal
-        intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL; where the table is not known, since `lag` is not "service" or the
-        table has been replaced, 64 periods. At most 16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as
-        `lost`, and as many sequences are left out: a gap for every reader.
+        Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another
+        unit, a missing interval, temperature that is not finite on one side, missing time; a record is never added to
+        another. A sum of readings has 64 nominal intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL;
+        where the table is not known, since `lag` is not "service" or the table has been replaced, 64 periods. At most
+        16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as `lost`, and as many
+        sequences are left out: a gap for every reader.
 
-        Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So in each control
-        period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises SequenceError if the sequence is not
-        above the last one sent or kept.
+        Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So
+        in each control period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises
+        SequenceError if the sequence is not above the last one sent or kept.
         """
     def send_kept(self) -> None:
-        """Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and recorders take it.
+        """Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and
+        recorders take it.
 
         Never waits. Call it in each control period, before the new sample is sent. The increments come from `receive`.
         """
@@ -197,19 +218,31 @@ class Acquisition:
         rate: float | None = None,
         new_session: bool = True,
     ) -> Records:
-        """Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed` does.
+        """Sends an array of RAW_SAMPLE, or a data frame, and returns the increments in the same order, as `isotherm feed`
+        does.
 
-        At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for `timeout` seconds.
-        If no sample has a `lag_ns`, their temperature is followed: a value that differs from the last one is a reading.
-        With `new_session` the run is a session of its own; without it, its sequences must rise above those sent before.
+        At most `window` samples are in flight; `rate` is in samples per second. Raises Timeout if no answer comes for
+        `timeout` seconds. If no sample has a `lag_ns`, their temperature is followed: a value that differs from the
+        last one is a reading. With `new_session` the run is a session of its own; without it, its sequences must rise
+        above those sent before.
         """
 
 @final
 class Loan:
-    """A raw sample in shared memory, which is yours until it is sent. Every later use raises Closed."""
+    """A raw sample in shared memory, which is yours until it is sent. Every later use raises Closed.
+
+    >>> with isotherm.Acquisition("imu-a") as acquisition:
+    ...     sample = acquisition.loan()
+    ...     sample.timestamp_ns = sample.interval_ns = 2_500_000
+    ...     sample.accelerometers.positive_pulses = (140, 0, 150)
+    ...     increment = acquisition.compensate(sample)
+    ...     print(sample.sent, increment.interval_ns)
+    True 2500000
+    """
 
     @property
-    def session(self) -> int: ...
+    def session(self) -> int:
+        """The session of the sample: that of the acquisition."""
     @property
     def sequence(self) -> int:
         """Raise it if samples were lost before they could be sent; the service then flags the gap."""
@@ -256,15 +289,24 @@ class Loan:
     def merge(self, later: Loan | Records | np.void) -> None:
         """Adds the next control period: pulses and intervals are summed, timestamp and temperature become the later ones.
 
-        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is dropped, that is one
-        sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
+        A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is
+        dropped, that is one sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
         """
     def to_numpy(self) -> Records:
         """A copy, as an array without dimensions."""
 
 @final
 class Triad:
-    """The accelerometers or the gyroscopes of a loan: three values each. It is part of the loan, and ends with it."""
+    """The accelerometers or the gyroscopes of a loan: three values each. It is part of the loan, and ends with it.
+
+    >>> with isotherm.Acquisition("imu-a") as acquisition:
+    ...     sample = acquisition.loan()
+    ...     triad = sample.accelerometers
+    ...     triad.positive_pulses = (140, 0, 150)
+    ...     print(triad.positive_pulses)
+    ...     sample.cancel()
+    (140, 0, 150)
+    """
 
     @property
     def positive_pulses(self) -> tuple[int, int, int]:
@@ -294,16 +336,27 @@ class Triad:
 
 @final
 class Increment:
-    """One increment."""
+    """One increment.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> with isotherm.Acquisition("imu-a") as acquisition:
+    ...     increment = acquisition.compensate(samples[0])
+    >>> increment.sequence == int(samples[0]["sequence"]), bool(increment.flags & isotherm.Flags.INVALID)
+    (True, False)
+    """
 
     @property
-    def session(self) -> int: ...
+    def session(self) -> int:
+        """The session of the acquisition that sent the sample."""
     @property
-    def sequence(self) -> int: ...
+    def sequence(self) -> int:
+        """The number of the sample in its session."""
     @property
-    def timestamp_ns(self) -> int: ...
+    def timestamp_ns(self) -> int:
+        """End of the control period on the acquisition's clock [ns]."""
     @property
-    def interval_ns(self) -> int: ...
+    def interval_ns(self) -> int:
+        """Control period [ns]."""
     @property
     def velocity_increment(self) -> _Triple:
         """Along A1, A2, A3 [m/s]; NaN where it could not be computed."""
@@ -315,7 +368,9 @@ class Increment:
         """The mean over the interval [m/s2]; NaN where the velocity increment is NaN, and for an interval of 0."""
     @property
     def angular_rate(self) -> _Triple:
-        """The mean over the interval [rad/s]; NaN where the angle increment is NaN, and for an interval of 0. Earth's rate is in it."""
+        """The mean over the interval [rad/s]; NaN where the angle increment is NaN, and for an interval of 0. Earth's rate
+        is in it.
+        """
     @property
     def table(self) -> int:
         """The `Table.id` of the table that was used; 0 without one."""
@@ -330,11 +385,20 @@ class Increment:
 
 @final
 class Readings:
-    """Turns readings in m/s2 and rad/s into the pulses of a sample. What rounding leaves is carried to the next sample, so that nothing is
-    lost over time.
+    """Turns readings in m/s2 and rad/s into the pulses of a sample. What rounding leaves is carried to the next sample, so
+    that nothing is lost over time.
 
-    `accelerometer` [m/s2] and `gyroscope` [rad/s], 1e-15 to 1e6, are what a pulse stands for over the nominal interval `interval_ns`; the
-    table's nominal scale factors are g0 / (resolution * interval). Raises ValueError if they cannot be.
+    `accelerometer` [m/s2] and `gyroscope` [rad/s], 1e-15 to 1e6, are what a pulse stands for over the nominal interval
+    `interval_ns`; the table's nominal scale factors are g0 / (resolution * interval). Raises ValueError if they cannot
+    be.
+
+    >>> readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=2_500_000)
+    >>> with isotherm.Acquisition("imu-a") as acquisition:
+    ...     sample = acquisition.loan()
+    ...     readings.fill(sample, (0.12, -0.3, 9.81))
+    ...     print(sample.accelerometers.positive_pulses, sample.accelerometers.negative_pulses)
+    ...     sample.cancel()
+    (120000, 0, 9810000) (0, 300000, 0)
     """
 
     def __new__(cls, *, accelerometer: float, gyroscope: float, interval_ns: int) -> Self: ...
@@ -348,11 +412,12 @@ class Readings:
     def interval_ns(self) -> int:
         """The nominal interval between two samples [ns]."""
     def fill(self, sample: Loan, specific_force: _Temperature, angular_rate: _Temperature | None = None) -> None:
-        """Writes the pulses of a sample: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each the mean over the sample's
-        interval. Without `angular_rate` the gyroscopes become absent: no pulses, and temperature NaN.
+        """Writes the pulses of a sample: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each the mean
+        over the sample's interval. Without `angular_rate` the gyroscopes become absent: no pulses, and temperature NaN.
 
-        An `interval_ns` of 0, as a loan has, becomes the nominal one; another one is kept, and the pulses are those of that interval. Raises
-        ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over 2**32 - 1 pulses.
+        An `interval_ns` of 0, as a loan has, becomes the nominal one; another one is kept, and the pulses are those of
+        that interval. Raises ValueError with the name of the sensor, and changes nothing, for a reading that is not
+        finite or over 2**32 - 1 pulses.
         """
     def reset(self) -> None:
         """Forgets what rounding has left: for a new session, and after a gap."""
@@ -363,6 +428,11 @@ class IncrementReader:
 
     Waits up to `timeout` seconds for the service. With None it does not wait: it connects at once if the service is
     there, and else in a later call. What is published before it is `connected` is not received.
+
+    >>> with isotherm.IncrementReader("imu-a") as reader, isotherm.Acquisition("imu-a") as acquisition:
+    ...     sent = acquisition.run(isotherm.read_recording("run.csv")[:3])
+    ...     print(len(reader.read_available()), reader.receive(timeout=0.1))
+    3 None
     """
 
     def __new__(cls, imu: str, domain: str | None = None, timeout: float | None = 5.0) -> Self: ...
@@ -377,13 +447,21 @@ class IncrementReader:
         """Increments that came again after a resend and were not returned."""
     @property
     def lost_before(self) -> int | None:
-        """The control periods that are missing right before the increment that was returned last. None if that is unknown: where time steps,
-        between sessions of different clocks, and before the first one. After `read_available` it is of the last one of the array."""
+        """The control periods that are missing right before the increment that was returned last. None if that is unknown:
+        where time steps, between sessions of different clocks, and before the first one. After `read_available` it is
+        of the last one of the array.
+        """
     def fileno(self) -> int:
-        """A descriptor for `select`, `selectors` and `asyncio`: readable when increments may have come. Then call `receive` until it returns
-        None, or `read_available`. Wait for at most some 0.1 s at once. Raises NoService while the reader is not connected."""
-    def heartbeat_age(self) -> float | None:
-        """How long ago the service was last seen at work for this IMU [s]: under 0.3 while it lives. None if no service was seen yet."""
+        """A descriptor for `select`, `selectors` and `asyncio`: readable when increments may have come. Then call
+        `receive` until it returns None, or `read_available`. Wait for at most some 0.1 s at once. Raises NoService
+        while the reader is not connected.
+        """
+    def heartbeat_age(self, timeout: float = 2.0) -> float:
+        """How long ago the service was last seen at work for this IMU [s]: under 0.3 while it lives.
+
+        The first call waits for the service's status, up to about 1 s. Raises NoService if no service was seen at work
+        within `timeout` seconds.
+        """
     @property
     def closed(self) -> bool:
         """Whether it has been closed."""
@@ -397,22 +475,68 @@ class IncrementReader:
         """All increments that have come and were not read yet, at most `limit`; an empty array if there is none."""
     def __iter__(self) -> Iterator[Increment]:
         """Yields every increment when it comes; ends when the reader is closed."""
+    def __aiter__(self) -> AsyncIterator[Increment]:
+        """Yields every increment when it comes, in `async for`; ends when the reader is closed. The event loop sleeps meanwhile."""
     def __next__(self) -> Increment: ...
 
 @final
 class Table:
-    """A valid coefficient table. `str()` gives the text of its file, without provenance."""
+    """A valid coefficient table. `str()` gives the text of its file, without provenance. Two are equal if their digests
+    are.
+
+    >>> table = isotherm.Table.load("imu-a.toml")
+    >>> table.imu, table.temperature_unit, [axis.name for axis in table.axes]
+    ('imu-a', 'V', ['A1', 'A2', 'A3'])
+    """
 
     @staticmethod
     def load(path: _Path) -> Table:
-        """Reads a table file. Raises TableError with all its faults."""
+        """staticmethod(function) -> method
+
+        Convert a function to be a static method.
+
+        A static method does not receive an implicit first argument.
+        To declare a static method, use this idiom:
+
+             class C:
+                 @staticmethod
+                 def f(arg1, arg2, argN):
+                     ...
+
+        It can be called either on the class (e.g. C.f()) or on an instance
+        (e.g. C().f()). Both the class and the instance are ignored, and
+        neither is passed implicitly as the first argument to the method.
+
+        Static methods in Python are similar to those found in Java or C++.
+        For a more advanced concept, see the classmethod builtin.
+        """
     @staticmethod
     def parse(text: str) -> Table:
-        """Reads a table file's text. Raises TableError with all its faults."""
+        """staticmethod(function) -> method
+
+        Convert a function to be a static method.
+
+        A static method does not receive an implicit first argument.
+        To declare a static method, use this idiom:
+
+             class C:
+                 @staticmethod
+                 def f(arg1, arg2, argN):
+                     ...
+
+        It can be called either on the class (e.g. C.f()) or on an instance
+        (e.g. C().f()). Both the class and the instance are ignored, and
+        neither is passed implicitly as the first argument to the method.
+
+        Static methods in Python are similar to those found in Java or C++.
+        For a more advanced concept, see the classmethod builtin.
+        """
     @property
-    def imu(self) -> str: ...
+    def imu(self) -> str:
+        """The IMU that it is of."""
     @property
-    def serial(self) -> str | None: ...
+    def serial(self) -> str | None:
+        """The serial number of the device, if it names one."""
     @property
     def gravity(self) -> float:
         """The value of 1 g0 [m/s2]."""
@@ -420,12 +544,14 @@ class Table:
     def gravity_local(self) -> float | None:
         """Local gravity where the table was measured [m/s2], of its provenance. It is not part of the digest."""
     @property
-    def temperature_unit(self) -> str: ...
+    def temperature_unit(self) -> str:
+        """The unit of all its temperatures, for example V or degC."""
     @property
     def out_of_range(self) -> str:
         """clamp, extrapolate or reject."""
     @property
-    def max_age_s(self) -> float | None: ...
+    def max_age_s(self) -> float | None:
+        """How old temperatures may be before increments are flagged TELEMETRY_STALE [s]; None for no limit."""
     @property
     def digest(self) -> str:
         """`sha256:` and 64 hexadecimal digits."""
@@ -458,10 +584,17 @@ class Table:
 
 @final
 class Axis:
-    """The coefficients of one accelerometer or gyroscope."""
+    """The coefficients of one accelerometer or gyroscope. Two are equal by name and coefficients, whatever table they are
+    of.
+
+    >>> axis = isotherm.Table.load("imu-a.toml").axes[0]
+    >>> axis.name, axis.bias.unit, axis.positive_scale_factor.unit
+    ('A1', 'ug0', 'pulse/(s*g0)')
+    """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """A1, A2, A3, G1, G2 or G3."""
     @property
     def bias(self) -> Polynomial:
         """Bias against head temperature."""
@@ -483,17 +616,39 @@ class Axis:
 
 @final
 class Polynomial:
-    """A polynomial of temperature. A call evaluates it as the service does, inside its range or outside."""
+    """A polynomial of temperature. A call evaluates it as the service does, inside its range or outside: a number gives a
+    number, an array of any shape an array of that shape.
 
+    `coefficients`, 1 to 8, are those of (temperature - `center`) / `scale`, c0 first; `range` is where it is
+    calibrated, everywhere unless given; `unit` is that of its value. Raises ValueError for what cannot be. Two are
+    equal if all of these are.
+
+    >>> line = isotherm.Polynomial([1.5, 2.0], unit="mg0")
+    >>> line(2.0), line(np.array([0.0, 1.0]))
+    (5.5, array([1.5, 3.5]))
+    """
+
+    def __new__(
+        cls,
+        coefficients: Sequence[float] | _Doubles,
+        *,
+        center: float = 0.0,
+        scale: float = 1.0,
+        range: tuple[float, float] | None = None,
+        unit: str = "",
+    ) -> Self: ...
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """The unit of its value."""
     @property
     def coefficients(self) -> _Doubles:
         """The coefficients of (temperature - center) / scale, c0 first."""
     @property
-    def center(self) -> float: ...
+    def center(self) -> float:
+        """The temperature that is subtracted first."""
     @property
-    def scale(self) -> float: ...
+    def scale(self) -> float:
+        """What the difference from `center` is divided by."""
     @property
     def range(self) -> tuple[float, float]:
         """Lower and upper end of the calibrated temperature."""
@@ -504,18 +659,27 @@ class Polynomial:
 
 @final
 class Stability:
-    """Stability of an output by axis. The figures are of (mean of a window - specific force) [g0], over all windows that count."""
+    """Stability of an output by axis. The figures are of (mean of a window - specific force) [g0], over all windows that
+    count.
+
+    >>> table = isotherm.calibrate_turntable("campaign/campaign.toml").table
+    >>> stability = isotherm.verify(table, isotherm.read_recording("still.csv"), attitude=(0.6, -0.48, 0.64))
+    >>> [(bound, met) for bound, met, message in stability.judge("bias=100ug0,factor=5")]
+    [('factor', True), ('bias', True)]
+    """
 
     @property
     def sd_before(self) -> _Triple:
         """Standard deviation with the coefficients frozen at mid temperature."""
     @property
-    def rms_before(self) -> _Triple: ...
+    def rms_before(self) -> _Triple:
+        """Root mean square with the coefficients frozen at mid temperature."""
     @property
     def sd_after(self) -> _Triple:
         """Standard deviation of the full model."""
     @property
-    def rms_after(self) -> _Triple: ...
+    def rms_after(self) -> _Triple:
+        """Root mean square of the full model."""
     @property
     def factor(self) -> _Triple:
         """Ratio of the standard deviations, before / after."""
@@ -530,22 +694,27 @@ class Stability:
         """Samples without a valid interval."""
     @property
     def warning(self) -> str | None:
-        """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left out. Else None."""
+        """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left
+        out. Else None.
+        """
     @property
     def findings(self) -> list[tuple[str, str]]:
         """What `isotherm verify` prints: severity and the rest of the line, without the recording."""
     @property
     def time_warning(self) -> str | None:
-        """Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has the counts."""
+        """Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has
+        the counts.
+        """
     @property
     def verdict(self) -> dict[str, Any]:
         """The errors that the run allows to be claimed: the document of `isotherm verify --json`, without a requirement.
 
-        Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`, each with `value` and
-        `interval`, the half width of the 95 % interval. What cannot be judged is None: every constant error but that of the length if the attitude is
-        not stated, and the length if local gravity is unknown. `covered` says which part of the table's range the run covers, the largest
-        hole in it, and which channels the run drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and `random_walk_deg_sqrt_h`; or
-        `not_judged`.
+        Each of `axes` and `length` has `constant_g0`, `variation_g0` and `worst_g0`, and `level` the same in `_rad`,
+        each with `value` and `interval`, the half width of the 95 % interval. What cannot be judged is None: every
+        constant error but that of the length if the attitude is not stated, and the length if local gravity is unknown.
+        `covered` says which part of the table's range the run covers, the largest hole in it, and which channels the
+        run drives. `gyroscopes`, where the table or the samples have any, has the same in `_deg_h`, and
+        `random_walk_deg_sqrt_h`; or `not_judged`.
         """
     @property
     def windows(self) -> Records:
@@ -553,13 +722,14 @@ class Stability:
     def judge(self, require: float | str) -> list[tuple[str, bool, str]]:
         """Judges each bound of `require`: (bound, whether the run shows that it is met, the judgement in words).
 
-        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h"; a number is the least factor of stability.
+        `require` is as that of the command, for example "bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h"; a number
+        is the least factor of stability.
         """
     def check(self, require: float | str) -> None:
         """Raises StabilityError where `isotherm verify --require` ends with exit code 1.
 
-        That is, if nothing can be claimed (see `warning`), if the run has fewer than 12 windows, or if a bound of `require` is not met. The
-        message has a line for each reason; the last one has the remedies.
+        That is, if nothing can be claimed (see `warning`), if the run has fewer than 12 windows, or if a bound of
+        `require` is not met. The message has a line for each reason; the last one has the remedies.
         """
     def report(self, path: _Path, *, require: float | str | None = None) -> None:
         """Writes the report (HTML), with the judgement of what is required."""
@@ -587,11 +757,18 @@ class Calibration:
 
 @final
 class Comparison:
-    """What has changed between tables. `str()` gives the text of `isotherm compare`."""
+    """What has changed between tables. `str()` gives the text of `isotherm compare`.
+
+    >>> table = isotherm.Table.load("imu-a.toml")
+    >>> isotherm.compare(table, table).changed
+    []
+    """
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The document of `isotherm compare --json`, without a requirement: curves, alignments, lines over the dates, and notes."""
+        """The document of `isotherm compare --json`, without a requirement: curves, alignments, lines over the dates, and
+        notes.
+        """
     @property
     def changed(self) -> list[str]:
         """What has changed by more than the errors, for example ["A1 bias"]."""
@@ -601,17 +778,25 @@ class Comparison:
         `require` is as that of the command, for example "bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h".
         """
     def check(self, require: str) -> None:
-        """Raises ComparisonError where `isotherm compare --require` ends with exit code 1: a difference is not within its bound."""
+        """Raises ComparisonError where `isotherm compare --require` ends with exit code 1: a difference is not within its
+        bound.
+        """
     def report(self, path: _Path, *, require: str | None = None) -> None:
         """Writes the report (HTML), with the judgement of what is required."""
 
 @final
 class Batch:
-    """The statistics of a batch of tables. `str()` gives them as text."""
+    """The statistics of a batch of tables. `str()` gives them as text.
+
+    >>> isotherm.batch(["imu-a.toml", "imu-b.toml"]).devices
+    ['imu-a', 'imu-b']
+    """
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The statistics, as `isotherm calibrate turntable --batch --json` prints them: each quantity with its unit, median, standard deviation and range."""
+        """The statistics, as `isotherm calibrate turntable --batch --json` prints them: each quantity with its unit,
+        median, standard deviation and range.
+        """
     @property
     def devices(self) -> list[str]:
         """The IMUs, in the order of the values."""
@@ -624,11 +809,20 @@ class Batch:
 def compare(named: Sequence[tuple[str, Table]], other_device: bool) -> Comparison: ...
 def batch(named: Sequence[tuple[str, Table]]) -> Batch: ...
 def device(serial: str) -> int:
-    """The number of the device with this serial number, which every sample carries; 0 for blanks."""
+    """The number of the device with this serial number, which every sample carries; 0 for blanks.
+
+    >>> isotherm.device(""), isotherm.device("SN 42") == isotherm.device("SN 43")
+    (0, False)
+    """
 
 @final
 class Exported:
-    """The parameters of a table. `str()` gives the text."""
+    """The parameters of a table. `str()` gives the text.
+
+    >>> table = isotherm.calibrate_warm_up("warm-up.BIN", "imu-c", lag="none").table
+    >>> isotherm.export_parameters(table, to="ardupilot").text.splitlines()[-1]
+    'INS_TCAL1_GYR3_Z 0.010818368'
+    """
 
     @property
     def text(self) -> str:
@@ -638,7 +832,9 @@ class Exported:
         """What was left out: name, sensors, the size of accelerometers [m/s2] and of gyroscopes [rad/s], if any has it."""
     @property
     def difference(self) -> tuple[float, float | None]:
-        """Largest difference over the range between what the firmware subtracts, in float32, and the written biases [m/s2; rad/s]."""
+        """Largest difference over the range between what the firmware subtracts, in float32, and the written biases [m/s2;
+        rad/s].
+        """
     @property
     def notes(self) -> list[str]:
         """What you should know besides."""
@@ -654,13 +850,17 @@ def export_parameters(
 ) -> Exported:
     """The biases of a table in degC as parameters of an autopilot, as `isotherm export` writes them.
 
-    `to` is "px4" or "ardupilot", `instance` the number of the IMU there: 0 to 3 of PX4, 1 to 5 of ArduPilot. PX4 needs the device
-    number, or those of accelerometers and gyroscopes. Without them they are those of the log that made the table. With `at` [degC] ArduPilot's constants are written too: CALTEMP, and as OFFS the
-    biases at that temperature. `drop` names what is left out: scale-temperature, negative-scale, alignment, lag, g-sensitivity, order,
-    ranges.
+    `to` is "px4" or "ardupilot", `instance` the number of the IMU there: 0 to 3 of PX4, 1 to 5 of ArduPilot. PX4 needs
+    the device number, or those of accelerometers and gyroscopes. Without them they are those of the log that made the
+    table. With `at` [degC] ArduPilot's constants are written too: CALTEMP, and as OFFS the biases at that temperature.
+    `drop` names what is left out: scale-temperature, negative-scale, alignment, lag, g-sensitivity, order, ranges.
 
-    Raises TableError if the table has what parameters cannot say and is not dropped, with the size of what would be lost; ValueError for
-    other arguments.
+    Raises TableError if the table has what parameters cannot say and is not dropped, with the size of what would be
+    lost; ValueError for other arguments.
+
+    >>> table = isotherm.calibrate_warm_up("warm-up.BIN", "imu-c", lag="none").table
+    >>> print(isotherm.export_parameters(table, to="ardupilot").text.splitlines()[0])
+    INS_TCAL1_ENABLE 1
     """
 
 def import_parameters(
@@ -672,14 +872,20 @@ def import_parameters(
     instance: int | None = None,
     gravity: float = 9.80665,
 ) -> Table:
-    """The table of an autopilot's parameters ("px4", "ardupilot"), as `isotherm import` makes it: that of readings in m/s2 and rad/s at
-    the nominal `interval` [s], with the biases that the firmware subtracts. ArduPilot's are 0 at 35 degC unless the text has CALTEMP and
-    OFFS.
+    """The table of an autopilot's parameters ("px4", "ardupilot"), as `isotherm import` makes it: that of readings in m/s2
+    and rad/s at the nominal `interval` [s], with the biases that the firmware subtracts. ArduPilot's are 0 at 35 degC
+    unless the text has CALTEMP and OFFS.
 
     Raises TableError with all faults of the text.
+
+    >>> table = isotherm.calibrate_warm_up("warm-up.BIN", "imu-c", lag="none").table
+    >>> parameters = isotherm.export_parameters(table, to="ardupilot").text
+    >>> isotherm.import_parameters(parameters, "ardupilot", imu="imu-d", interval=0.0025).imu
+    'imu-d'
     """
 
 def read_text(path: _Path) -> str: ...
+def restored(kind: str, state: bytes) -> Any: ...
 def replay(table: Table, samples: _Bytes) -> _Bytes: ...
 def time_warnings(table: Table, samples: _Bytes) -> list[str]: ...
 def read_recording(paths: Sequence[_Path], imu: str | None, part: tuple[str | None, str | None]) -> tuple[_Bytes, list[str]]: ...

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _isotherm
+from ._arguments import KINDS, check, texts
 from ._columns import is_arrow, is_frame
 from ._convert import part
 from ._errors import NoiseError
@@ -47,6 +49,11 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
 
     It warns of samples out of order, which the command refuses, and as the command where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
     missing samples, and of scale factors that are of another interval. An array names no IMU.
+
+    >>> table, samples = isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv")
+    >>> increments = isotherm.replay(table, samples)
+    >>> increments.shape == samples.shape, increments["velocity_increment"].shape[1]
+    (True, 3)
     """
     array = records(samples, RAW_SAMPLE)
     data = as_bytes(array)
@@ -68,6 +75,10 @@ def read_recording(
     `start` and `end` leave out what is before and after, as those of `convert`. What is missing at the end of a file is a UserWarning.
 
     Raises RecordingFault if the data are wrong, such as rows out of order.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> samples.dtype == isotherm.RAW_SAMPLE, samples["accelerometers"]["head_temperature"].shape[1]
+    (True, 3)
     """
     data, found = _isotherm.read_recording(paths(recording), imu, part(start, end))
     for warning in found:
@@ -78,6 +89,11 @@ def read_recording(
 def read_increments(path: AnyPath, *, imu: str | None = None) -> Records:
     """The increments that `isotherm feed`, `replay` or `record` wrote (CSV, Parquet, MCAP), as INCREMENT. What the file does not have is 0, as
     `session` and `latency_ns` of `replay`. `imu` is the one that is read, where a file has several.
+
+    >>> increments = isotherm.replay(isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv"))
+    >>> isotherm.write_increments("increments.csv", increments)
+    >>> bool((isotherm.read_increments("increments.csv")["velocity_increment"] == increments["velocity_increment"]).all())
+    True
     """
     data, found = _isotherm.read_increments(path, imu)
     for warning in found:
@@ -92,6 +108,9 @@ def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
     Returns what was taken and lost, as `isotherm repair --json`: `holes` is empty if nothing is damaged.
 
     Raises RecordingFault if nothing can be taken, and OSError if `target` exists.
+
+    >>> isotherm.repair("run.csv", "repaired.csv")["holes"]
+    []
     """
     return json.loads(_isotherm.repair(Path(source), Path(target)))  # type: ignore[no-any-return]
 
@@ -100,6 +119,11 @@ def write_recording(path: AnyPath, samples: Records | pd.DataFrame, *, imu: str 
     """Writes raw samples as a recording, in the format that its name says: .csv, .parquet or .mcap. What is 0 in all samples is left out:
     `session`, `telemetry_ns`, `device`, the lagged temperature and the gyroscopes. Parquet and MCAP have the name of the IMU,
     `imu`, too. What no recording gives back is `sent_ns`. A file of this name is replaced.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> isotherm.write_recording("copy.csv", samples)
+    >>> bool((isotherm.read_recording("copy.csv")["accelerometers"] == samples["accelerometers"]).all())
+    True
     """
     _isotherm.write_recording(path, sample_bytes(samples), imu)
 
@@ -108,6 +132,11 @@ def write_increments(path: AnyPath, increments: Records | pd.DataFrame, *, deliv
     """Writes increments in the format that the name says. As .csv it is what `isotherm replay` writes, or with `delivery` what
     `isotherm feed --delivery` does; .parquet and .mcap are as `isotherm record` writes increments of `imu`, and have all fields.
     If all angles are NaN, they are left out, as those of a table without gyroscopes. `write_ros` writes ROS messages.
+
+    >>> increments = isotherm.replay(isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv"))
+    >>> isotherm.write_increments("increments.csv", increments)
+    >>> len(isotherm.read_increments("increments.csv")) == len(increments)
+    True
     """
     _isotherm.write_increments(path, as_bytes(rows_of(increments, INCREMENT)), delivery, imu)
 
@@ -139,7 +168,13 @@ def verify(
     No bound is met where the run leaves out more than a tenth of a curve's range at one place, unless `accept` has "not-covered".
 
     Raises RecordingFault if the samples are out of order, and StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
+
+    >>> table = isotherm.calibrate_turntable("campaign/campaign.toml").table
+    >>> stability = isotherm.verify(table, isotherm.read_recording("still.csv"), attitude=(0.6, -0.48, 0.64))
+    >>> min(stability.factor) > 10.0, stability.warning
+    (True, None)
     """
+    check(window=window, gravity_local=gravity_local, other_device=other_device)
     if not (math.isfinite(window) and window > 0.0):
         raise ValueError(f"window is {window}, give seconds over 0")
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
@@ -154,7 +189,7 @@ def verify(
         turned = tuple(float(angle) for angle in angles)
         if len(turned) != 2 or not all(map(math.isfinite, turned)):
             raise ValueError(f"angles is {angles}, give the outer and the inner angle in degrees")
-    names = [accept] if isinstance(accept, str) else list(accept)
+    names = texts("accept", accept)
     return _isotherm.verify(table, sample_bytes(samples), window, direction, turned, gravity_local, other_device, names, recording)
 
 
@@ -171,6 +206,10 @@ def regress(
 
     The fit is a polynomial of x; `linear` has further columns by name, of the length of x, each with one coefficient: the further --x of the
     command. Each number is taken as the shortest decimal number that reads back to it, as in a file. `diagnostics.outliers` are indices from 0.
+
+    >>> found = isotherm.regress([1.0, 2.0, 3.0, 4.0], [2.1, 3.9, 6.2, 7.8], max_order=1)
+    >>> found["selected"], found["n"]
+    (1, 4)
     """
     w = None if weights is None else doubles("weights", weights)
     columns = [(name, doubles(name, values)) for name, values in (linear or {}).items()]
@@ -205,7 +244,13 @@ def noise(
     one of all axes, or has the same columns.
 
     Raises RecordingFault if the samples are out of order, and NoiseError with fewer than 1000 rows, and with a fault, such as a specific force at rest that is not gravity.
+
+    >>> rates = np.random.default_rng(1).normal(size=2000)
+    >>> found = isotherm.noise(rates, interval=0.01)
+    >>> [coefficient["name"] for coefficient in found["model"]["coefficients"]]
+    ['quantisation noise', 'white noise', 'bias instability', 'random walk of the rate']
     """
+    check(interval=interval, start=start, end=end)
     if interval is not None:
         if not (math.isfinite(interval) and interval > 0.0):
             raise ValueError(f"interval is {interval}, give seconds over 0")
@@ -229,7 +274,13 @@ def noise(
 
 
 class Calibration:
-    """The result of a calibration."""
+    """The result of a calibration.
+
+    >>> calibration = isotherm.calibrate_turntable("campaign/campaign.toml")
+    >>> calibration.save("table.toml", report="calibration.html")
+    >>> isotherm.Table.load("table.toml") == calibration.table
+    True
+    """
 
     def __init__(self, native: _isotherm.Calibration) -> None:
         self._native = native
@@ -257,7 +308,7 @@ class Calibration:
     def accuracy(self) -> str:
         """The bottom line: 95 % half widths for whole curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
 
-        With ramps alone: what was measured, and that nothing else was.
+        Of a tumble the residuals of its static poses too. With ramps alone: what was measured, and that nothing else was.
         """
         return self._native.accuracy
 
@@ -294,12 +345,17 @@ class Calibration:
 
     @property
     def residuals(self) -> npt.NDArray[np.float64]:
-        """Residuals by dwell and accelerometer [g0]; one row for each of `dwells`."""
+        """Residuals by dwell and accelerometer [g0]; one row for each of `dwells`. Those of a tumble have one column: the magnitude of the
+        specific force less local gravity."""
         return self._native.residuals()
 
     @property
     def dwells(self) -> list[tuple[float, int, int, int, float]]:
-        """(set point [degC], position, first and last line or row, seconds) of each dwell that was used."""
+        """(set point [degC], position, first and last line or row, seconds) of each dwell that was used.
+
+        The dwells of a tumble are its static poses: (mean head temperature in the table's unit, number, first and last row of the recording
+        from 0, seconds). Their numbers go on from recording to recording.
+        """
         return self._native.dwells()
 
     @property
@@ -322,6 +378,12 @@ class Calibration:
     def report(self, path: AnyPath) -> None:
         """Writes the report (HTML)."""
         write_text(path, self._native.html())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Calibration) and self._native == other._native
+
+    def __hash__(self) -> int:
+        return hash(self._native)
 
     def __repr__(self) -> str:
         return f"Calibration({self.table!r}, {len(self.dwells)} dwells)"
@@ -365,7 +427,12 @@ def calibrate_turntable(
 
     `imu` is the one to calibrate, of a campaign file with several (`imus`). `start` and `end` leave out what is before and after in each
     recording, as those of `convert`.
+
+    >>> calibration = isotherm.calibrate_turntable("campaign/campaign.toml", order=3, exclude=[(-25.0, 3)])
+    >>> calibration.table.imu, len(calibration.dwells), calibration.residuals.shape
+    ('imu-paper', 179, (179, 3))
     """
+    check(imu=imu)
     text, path = campaign_text(campaign)
     given: list[Any] | None
     if samples is None:
@@ -380,7 +447,7 @@ def calibrate_turntable(
         order=order,
         method=method,
         alignment=alignment,
-        exclude=list(exclude),
+        exclude=_pairs(exclude),
         accept=accept,
         strict=strict,
         other_device=other_device,
@@ -388,6 +455,14 @@ def calibrate_turntable(
         part=part(start, end),
     )
     return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, False, options))
+
+
+def _pairs(exclude: Iterable[tuple[float, int]]) -> list[tuple[float, int]]:
+    """The dwells and turns that are left out."""
+    try:
+        return [(float(set_point), operator.index(number)) for set_point, number in exclude]
+    except (TypeError, ValueError):
+        raise ValueError(f"exclude is {exclude!r}, give pairs (set point [degC], number) in a list, for example [(-25.0, 3)]") from None
 
 
 def recorded(recordings: Any) -> list[Path | npt.NDArray[np.uint8]]:
@@ -408,8 +483,10 @@ def fit_options(
     *, order: int | Literal["auto"], accept: Iterable[str], other_device: bool, **given: Any
 ) -> dict[str, Any]:
     """The options of a fit with those of the command that are not given."""
-    # Of one name alone, `list` would make its letters.
-    names = [accept] if isinstance(accept, str) else list(accept)
+    if order != "auto" and not (isinstance(order, (int, np.integer)) and not isinstance(order, bool) and 0 <= order <= 7):
+        raise ValueError(f'order is {order!r}, give "auto" or a whole number from 0 to 7')
+    names = texts("accept", accept)
+    check(other_device=other_device, **{name: value for name, value in given.items() if name in KINDS})
     options: dict[str, Any] = {
         "order": None if order == "auto" else order,
         "method": "one-stage",
@@ -436,6 +513,9 @@ def compare(*tables: Table | Calibration | AnyPath, other_device: bool = False) 
 
     A table is a path, a Table, or the Calibration that made it. Their errors and dates come from the provenance. With `other_device` the tables may be
     of different IMUs. Raises ComparisonError if they cannot be compared.
+
+    >>> isotherm.compare("imu-a.toml", "imu-b.toml", other_device=True).changed
+    []
     """
     return _isotherm.compare(_named(tables), other_device)
 
@@ -445,6 +525,9 @@ def batch(tables: Iterable[Table | Calibration | AnyPath]) -> Batch:
 
     A table is a path, a Table, or the Calibration that made it. Raises ComparisonError if there are fewer than two, if two are of one IMU, or if their
     temperature is in different units.
+
+    >>> isotherm.batch(["imu-a.toml", "imu-b.toml"]).stand_outs is None  # under five devices
+    True
     """
     return _isotherm.batch(_named(tables))
 

@@ -106,6 +106,10 @@ class Flags(enum.IntFlag):
     LOST: time is missing before this increment, or may be.
     INFORMATION: says nothing against the increment.
     Together they have every flag, each once. Use a value if it is finite.
+
+    >>> flags = np.array([0, isotherm.Flags.GAP], np.uint64)
+    >>> (flags & isotherm.Flags.LOST) != 0
+    array([False,  True])
     """
 
     A1_HEAD_BELOW = 1 << 0
@@ -172,7 +176,11 @@ _NAMES = [(int(flag), name.lower().replace("_", "-")) for name, flag in Flags.__
 
 
 def flag_names(flags: int) -> list[str]:
-    """The names of the flags that are set, lowest bit first; empty if none is."""
+    """The names of the flags that are set, lowest bit first; empty if none is.
+
+    >>> isotherm.flag_names(isotherm.Flags.GAP | isotherm.Flags.LATE)
+    ['gap', 'late']
+    """
     return [name for bit, name in _NAMES if flags & bit]
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
+from ._arguments import check
 from ._convert import foreign, part
 from ._isotherm import Table
 from ._offline import Calibration, campaign_text, fit_options, recorded
@@ -57,8 +59,16 @@ def calibrate_tumble(
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
     mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
     those of `calibrate_turntable`. Raises CalibrationError with the parameters that the attitudes do not determine.
+
+    >>> facts = {"imu": "imu-x", "gravity_local": 9.81, "gravity_reference": 9.81, "temperature_unit": "degC"}
+    >>> calibration = isotherm.calibrate_tumble(facts, "tumble.csv", temperature_range=(0.0, 50.0))
+    >>> len(calibration.dwells), calibration.summary["static_poses"]
+    (40, 40)
     """
+    check(imu=imu, latitude=latitude, height=height)
     _positive("window", window)
+    if temperature_range is not None and not (hasattr(temperature_range, "__len__") and len(temperature_range) == 2):
+        raise TypeError(f"temperature_range is {temperature_range!r}, give its lower and its upper end, for example (0.0, 50.0)")
     if temperature_range is not None and not -math.inf < temperature_range[0] < temperature_range[1] < math.inf:
         raise ValueError(f"temperature_range is {temperature_range}, give the lower end first")
     place = _place(campaign, latitude, height)
@@ -76,7 +86,7 @@ def calibrate_tumble(
         window=window,
         scale_factor=scale_factor,
         misalignment=misalignment,
-        static_poses=list(exclude),
+        static_poses=_numbers(exclude),
         temperature_range=temperature_range,
         place=place,
         foreign=foreign(mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
@@ -98,6 +108,12 @@ def lengths(
 
     `gravity_local` [m/s2] is that of the table's provenance unless given. `require` is as that of the command, for example "scale=500ppm"; the document
     has `met` and the judgements. Samples of another device than the table's are refused, unless `other_device`. Raises StabilityError if there are no static_poses, or if local gravity is unknown.
+
+    >>> facts = {"imu": "imu-x", "gravity_local": 9.81, "gravity_reference": 9.81, "temperature_unit": "degC"}
+    >>> table = isotherm.calibrate_tumble(facts, "tumble.csv", temperature_range=(0.0, 50.0)).table
+    >>> found = isotherm.lengths(table, isotherm.read_recording("tumble.csv"), require="scale=500ppm")
+    >>> found["static_poses"], found["met"]  # this recording made the table, so it is no evidence
+    (40, False)
     """
     _positive("window", window)
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
@@ -119,6 +135,18 @@ def _place(campaign: AnyPath | Mapping[str, Any], latitude: float | None, height
     return float(latitude), float(height)
 
 
+def _numbers(exclude: Iterable[int]) -> list[int]:
+    """The static poses that are left out."""
+    try:
+        numbers = [operator.index(number) for number in exclude]
+        if all(number >= 1 for number in numbers):
+            return numbers
+    except TypeError:
+        pass
+    raise ValueError(f"exclude is {exclude!r}, give numbers of static poses from 1 in a list, for example [12]")
+
+
 def _positive(name: str, seconds: float | None) -> None:
+    check(**{name: seconds})
     if seconds is not None and not 0.0 < seconds <= 1e6:
         raise ValueError(f"{name} is {seconds}, give seconds over 0 and up to 1e6")

@@ -17,6 +17,10 @@ class Vehicle(dict[int, Calibration]):
     """The calibrations of the IMUs of a vehicle, by their numbers in the logs.
 
     `refused` has the exceptions of the IMUs that have none.
+
+    >>> vehicle = isotherm.calibrate_vehicle("warm-up.BIN", "imu-c", lag="none")
+    >>> vehicle.export("ardupilot").lost
+    []
     """
 
     def __init__(self, imu: str, made: Iterable[tuple[int, _isotherm.Calibration | None, Exception | None]]) -> None:
@@ -24,6 +28,9 @@ class Vehicle(dict[int, Calibration]):
         super().__init__({instance: Calibration(native) for instance, native, _ in every if native is not None})
         self.refused: dict[int, Exception] = {instance: error for instance, _, error in every if error is not None}
         self._imu = imu
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Vehicle) and dict.__eq__(self, other) and vars(self) == vars(other)
 
     def export(self, to: Literal["px4", "ardupilot"], *, at: float | None = None, drop: Sequence[str] = ()) -> Exported:
         """The parameters of all IMUs as one file, each as `export_parameters` gives them. What enables all sensors of a kind at once, as PX4's
@@ -57,6 +64,10 @@ def calibrate_vehicle(
     `logs` is a ULog or DataFlash log, or several. Of logs with several IMUs the tables are of `imu`-0, `imu`-1 and so on, by the numbers in the
     logs; of logs with one it is of `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others go on. `nominal` are tables by those numbers. All else is as of
     `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names.
+
+    >>> vehicle = isotherm.calibrate_vehicle("warm-up.BIN", "imu-c", lag="none")
+    >>> [calibration.table.imu for calibration in vehicle.values()], vehicle.refused
+    (['imu-c'], {})
     """
     options = warm_up_options(
         order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None, None, "header", None), (start, end)

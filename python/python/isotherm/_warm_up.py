@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import _isotherm
+from ._arguments import check, texts
 from ._convert import foreign, part
 from ._isotherm import Table
 from ._offline import Calibration, fit_options, recorded
@@ -56,6 +57,9 @@ def calibrate_warm_up(
     `gravity_reference` [m/s2], 9.80665 unless given. `lag` is the time constant [s], or "none"; it is found without it. Accelerometers keep the bias of the nominal table
     at the temperature `at`, mid range unless given. `beside` names autopilots whose cubics are in the document and the report. `accept` and
     `strict` are as those of `calibrate_turntable`. Raises CalibrationError with what was found.
+
+    >>> isotherm.calibrate_warm_up("warm-up.BIN", "imu-c", lag="none").table.temperature_unit
+    'degC'
     """
     options = warm_up_options(
         order,
@@ -85,6 +89,7 @@ def warm_up_options(
     ends: tuple[Moment | None, Moment | None],
 ) -> dict[str, Any]:
     """The options of a fit at one attitude. Raises ValueError for what cannot be."""
+    check(at=at, gravity_reference=gravity_reference)
     for name, value in (("at", at), ("gravity_reference", gravity_reference)):
         if value is not None and not math.isfinite(value):
             raise ValueError(f"{name} is {value}, give a finite number")
@@ -99,7 +104,7 @@ def warm_up_options(
         other_device=other_device,
         lag=0.0 if lag == "none" else lag,
         at=at,
-        beside=list(beside),
+        beside=texts("beside", beside),
         foreign=foreign(*given),
         part=part(*ends),
     )

@@ -1,10 +1,12 @@
 //! A finding, as text and as JSON.
 
+use crate::finding::name::explanations;
 use core::fmt;
-use serde::Serialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// How bad a finding is.
-#[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
     /// Nothing is made.
@@ -25,7 +27,7 @@ impl Severity {
 }
 
 /// The number of a position or of a turn, as the samples carry it in the column `position`.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 pub enum RunNumber {
     /// Of a position.
     Position(u32),
@@ -54,7 +56,7 @@ impl fmt::Display for RunNumber {
 }
 
 /// What a finding concerns.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub enum Location {
     /// A set point \[degC\] of a campaign, or one position or turn there.
     SetPoint(f64, Option<RunNumber>),
@@ -77,18 +79,29 @@ impl fmt::Display for Location {
 }
 
 /// A fault or a warning.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
     /// What it is, one of [`name::SUBJECTS`](crate::finding::name::SUBJECTS); `--accept` takes it.
-    pub name: &'static str,
+    #[serde(deserialize_with = "known")]
+    pub name: FindingName,
     /// Line of the samples, if the finding concerns one.
     pub line: Option<u64>,
     /// What it concerns; everything if `None`.
     pub place: Option<Location>,
     /// The cause and the remedy.
     pub message: String,
+}
+
+/// By another name, so that `serde` does not borrow it from what it reads.
+type FindingName = &'static str;
+
+/// The name of a finding, as the program has it.
+fn known<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static str, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    let known = explanations().map(|explanation| explanation.name).find(|name| *name == text);
+    known.ok_or_else(|| D::Error::custom(format!("no finding is named {text}")))
 }
 
 impl Finding {

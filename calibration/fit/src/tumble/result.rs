@@ -6,7 +6,8 @@ use super::groups::Groups;
 use super::model::Unknowns;
 use super::options::TumbleOptions;
 use super::reading::Reading;
-use isotherm_campaign::GravitySource;
+use crate::accuracy::largest_band;
+use isotherm_campaign::{GravitySource, joint_range};
 use isotherm_recording::Losses;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
@@ -68,6 +69,35 @@ impl TumbleCalibration {
     #[must_use]
     pub fn residual_rms(&self) -> f64 {
         rms(&self.residuals)
+    }
+
+    /// The largest 95 % bands of the whole curves over the temperature of the static poses: of the biases \[g0\], and
+    /// of the scale factors, relative. `None` if one is not known.
+    #[must_use]
+    pub fn largest_bands(&self) -> Option<[f64; 2]> {
+        let largest = |quantity: usize, relative: bool| {
+            let bands = self.curves.iter().map(|curves| largest_band(&curves[quantity], relative));
+            bands.into_iter().try_fold(0.0, |most: f64, each| Some(most.max(each?)))
+        };
+        Some([largest(0, false)?, largest(1, true)?.max(largest(2, true)?)])
+    }
+
+    /// The bottom line, in words.
+    #[must_use]
+    pub fn accuracy(&self) -> String {
+        let [low, high] = joint_range(self.curves.iter().flatten().map(Curve::measured));
+        let of = format!(
+            "over {low:.2}..{high:.2} {}, 95 % for each whole curve, from {} static poses, residuals {:.2}e-6 g0 rms",
+            self.table.content().temperature_unit,
+            self.readings.len(),
+            self.residual_rms() * 1e6
+        );
+        match self.largest_bands() {
+            Some([bias, scale_factor]) => {
+                format!("bias +- {:.2}e-6 g0, scale factor +- {:.2} ppm {of}", bias * 1e6, scale_factor * 1e6)
+            }
+            None => format!("bias and scale factor not known (no degrees of freedom) {of}"),
+        }
     }
 
     /// The temperature at which a curve's value is shown: the mean of one group, the middle of what was measured of

@@ -9,13 +9,14 @@ use isotherm_campaign::joint_range;
 use isotherm_shared::table::Axis;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use serde::{Deserialize, Serialize};
 
 /// Least specific force that drives a channel \[g0\]. The run shows the error of the scale factor times this: an error
 /// that a bound lets pass is at most 1/0.3 of the bound at 1 g0.
 pub const DRIVEN: f64 = 0.3;
 
 /// What of a table a run exercises: of the rest it says nothing.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Coverage {
     /// The triad.
     pub kind: SensorKind,

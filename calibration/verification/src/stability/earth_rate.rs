@@ -17,9 +17,10 @@ use isotherm_shared::table::Turntable;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 /// Earth's rate along the axes of an IMU at rest \[deg/h\].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct EarthRate {
     /// Along each axis of the IMU.
     pub rate: [f64; AXES],

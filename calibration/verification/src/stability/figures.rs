@@ -3,13 +3,14 @@
 use crate::window::Window;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{mean, rms};
+use serde::{Deserialize, Serialize};
 
 /// Largest part of the windows that need not be at the attitude: a reading of the temperature that is not plausible
 /// spoils a window.
 pub(super) const MAX_UNJUDGED: f64 = 0.01;
 
 /// One sensor's stability, in g0 or deg/h.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct AxisStability {
     /// Standard deviation with frozen coefficients.
     pub sd_before: f64,

@@ -25,6 +25,7 @@ use isotherm_shared::table::{Axis, GYROSCOPE_NAMES};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, student_quantile_of};
+use serde::{Deserialize, Serialize};
 
 /// Why the constant error is not judged, and how to state Earth's rate, for a table that has it.
 const NO_ANGLES: [&str; 2] = [
@@ -38,7 +39,7 @@ const NO_EARTH_RATE: [&str; 2] = [
 ];
 
 /// The stability of the gyroscopes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct GyroscopeStability {
     /// All windows, in order, as those of the accelerometers; the outputs in deg/h. A window counts if that of the
     /// accelerometers does, and if the IMU did not turn.

@@ -5,21 +5,29 @@ use crate::window::Window;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{LoopPoint, band, shared_bins, sweeps};
+use serde::{Deserialize, Serialize};
 
 /// The lagged temperature needs so many time constants before it has forgotten how it began.
 pub(super) const SOAK: u64 = 3;
 /// Least part of the range of a bias's temperature that a run must cover: in less, noise makes sweeps.
 const LEAST_RANGE: f64 = 0.05;
 
+/// Why the temperature does not change enough; the first that holds is the reason.
+const STEADY: [&str; 3] = [
+    "the temperature hardly changes",
+    "the temperature hardly changes in the windows that are judged",
+    "the temperature hardly changes after the 3 time constants in which the lagged temperature settles",
+];
+
 /// The residuals of a triad over the temperature of its heads, with their direction, by axis \[g0 or deg/h\].
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct Loops {
     /// Of the static model, which is the table without its transients; `None` if the table has no lag.
     pub static_model: Option<[Vec<LoopPoint>; AXES]>,
     /// Of the full model.
     pub full: [Vec<LoopPoint>; AXES],
-    /// Why the temperature of an axis does not change enough, if so.
-    steady: [Option<&'static str>; AXES],
+    /// Why the temperature of an axis does not change enough, if so: the place in [`STEADY`].
+    steady: [Option<usize>; AXES],
 }
 
 /// The hysteresis band of a bias \[g0 or deg/h\].
@@ -67,16 +75,9 @@ impl Loops {
                     heads.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)));
                 most - least >= LEAST_RANGE * (high - low)
             };
-            // The first of these that is missing is the reason.
-            let steps: [(&dyn Fn(usize) -> bool, _); 3] = [
-                (&|_| true, "the temperature hardly changes"),
-                (&|index| windows[index].counts, "the temperature hardly changes in the windows that are judged"),
-                (
-                    &|index| shown.binary_search(&index).is_ok(),
-                    "the temperature hardly changes after the 3 time constants in which the lagged temperature settles",
-                ),
-            ];
-            steps.into_iter().find(|(used, _)| !covers(used)).map(|(_, why)| why)
+            let steps: [&dyn Fn(usize) -> bool; STEADY.len()] =
+                [&|_| true, &|index| windows[index].counts, &|index| shown.binary_search(&index).is_ok()];
+            steps.into_iter().position(|used| !covers(used))
         });
         Self {
             static_model: static_output.map(|outputs| points(&|index| outputs[index])),
@@ -91,7 +92,7 @@ impl Loops {
     /// Why it is not judged, in words.
     pub fn band(&self, axis: usize) -> Result<LoopBand, &'static str> {
         let points = &self.full[axis];
-        if let Some(why) = self.steady[axis] {
+        if let Some(why) = self.steady[axis].and_then(|place| STEADY.get(place)) {
             return Err(why);
         }
         let full = band(points).ok_or("only one direction")?;

@@ -9,6 +9,7 @@ use crate::{AxisStability, Coverage, Force, GyroscopeStability, LeftOut, LocalGr
 use isotherm_recording::{Losses, TimeFault};
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
+use serde::{Deserialize, Serialize};
 
 /// An axis that is on average over this off the stated specific force gives a warning \[g0\].
 pub(super) const ATTITUDE_WARNING: f64 = 5e-3;
@@ -23,7 +24,7 @@ pub(super) const MIN_JUDGED: usize = 2 * MIN_GROUP;
 pub(super) const CLOCK_WARNING: f64 = 200e-6;
 
 /// The stability of a recording.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Stability {
     /// All windows, in order.
     pub windows: Vec<Window>,
@@ -65,6 +66,7 @@ pub struct Stability {
     /// That samples are of another device than the table's, if some are.
     pub other_device: Option<Finding>,
     /// Rows that are missing by their sequences, and steps of time.
+    #[serde(with = "whole")]
     pub losses: Losses,
     /// The first fault of time.
     pub time_fault: Option<TimeFault>,
@@ -182,5 +184,23 @@ impl Stability {
             (ratio - 1.0).abs() * 1e6,
             if ratio > 1.0 { "longer" } else { "shorter" }
         ))
+    }
+}
+
+/// All counts of losses. As a document they have those of sessions only where there are several; a format without names
+/// must have the same fields every time.
+mod whole {
+    use isotherm_recording::Losses;
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(losses: &Losses, serializer: S) -> Result<S::Ok, S::Error> {
+        let Losses { missing, gaps, time_steps, session_changes, session_missing, session_unknown } = *losses;
+        [missing, gaps, time_steps, session_changes, session_missing, session_unknown].serialize(serializer)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Losses, D::Error> {
+        let [missing, gaps, time_steps, session_changes, session_missing, session_unknown] =
+            <[u64; 6]>::deserialize(deserializer)?;
+        Ok(Losses { missing, gaps, time_steps, session_changes, session_missing, session_unknown })
     }
 }

@@ -6,6 +6,7 @@ use core::fmt;
 use isotherm_campaign::SAME_DIRECTION;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::AXES;
+use serde::{Deserialize, Serialize};
 /// Conditions of the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setup {
@@ -20,7 +21,7 @@ pub struct Setup {
 }
 
 /// Local gravity at the recording's place \[m/s2\], and who says so.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub enum LocalGravity {
     /// The user.
     Stated(f64),

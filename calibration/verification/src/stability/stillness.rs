@@ -18,6 +18,7 @@ use core::fmt;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
+use serde::{Deserialize, Serialize};
 
 /// Parts of a window whose means are compared.
 pub(super) const PARTS: f64 = 10.0;
@@ -41,7 +42,7 @@ pub(super) const GYROSCOPES: Bounds =
     Bounds { kind: SensorKind::Gyroscope, attitude: [72.0, 3600.0], still: [72.0, 3600.0] };
 
 /// The windows of a triad that do not count, by cause.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct LeftOut {
     /// The triad.
     pub kind: SensorKind,
