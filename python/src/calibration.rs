@@ -2,24 +2,25 @@
 
 use crate::connection::imu_id;
 use crate::convert::{OriginOptions, PartOptions, part_of, settings_of};
+use crate::curves::{Curve, of_calibration};
 use crate::errors::{CalibrationError, RecordingFault, TableError, faults, file, in_python};
 use crate::records::{Fields, RAW, Values, parsed};
 use crate::table::Table;
 use crate::value;
+use crate::work::Work;
 use isotherm_campaign::{Campaign, Dwell, Place, select_imu};
 use isotherm_client::TimeConstant;
 use isotherm_fit::{
-    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, CalibrationOutcome, FittedRun, LagChoice,
-    Method, Reading, ScaleFactorChoice, TumbleOptions, WarmUpOptions, sha256,
+    Accuracy, AlignmentChoice, Calibration as Figures, CalibrationOptions, CalibrationOutcome, FittedRun,
+    HashingStream, LagChoice, Method, Reading, ScaleFactorChoice, TableFile, TumbleOptions, WarmUpOptions,
 };
-use isotherm_pipeline::{
-    CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu, no_bar,
-};
+use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, JobFailure, JobOutcome, RowSource, Vehicle, VehicleImu};
 use isotherm_recording::{CampaignRow, RecordingError};
 use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::RowOrder;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_statistics::{OrderTable, mean};
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::{Finding, name};
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
@@ -30,7 +31,9 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs;
+use std::io::{self, Write as _};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Size of a row: a raw sample, the set point and the position \[bytes\].
 const ROW: usize = RAW + 16;
@@ -58,6 +61,8 @@ pub struct Calibration {
     gyroscope_runs: Vec<Run>,
     /// The report.
     html: String,
+    /// Of bias, K+ and K- of each sensor, in the units of the table.
+    curves: Vec<Curve>,
 }
 
 /// A dwell or a turn: set point, number, first and last row, seconds.
@@ -122,6 +127,7 @@ pub(crate) fn read_text(path: PathBuf) -> PyResult<String> {
 /// Makes a table of a campaign. `path` is that of the campaign file with this `text`, and `recordings` replace those
 /// that it names, `None` for these. `is_tumble` says which kind of campaign is expected.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
 pub(crate) fn calibrate_campaign(
     py: Python<'_>,
     text: String,
@@ -130,6 +136,7 @@ pub(crate) fn calibrate_campaign(
     recordings: Option<Vec<RecordingSource>>,
     is_tumble: bool,
     options: Options,
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let campaign_file = CampaignFile { path, text };
     let name = campaign_file.name();
@@ -156,20 +163,22 @@ pub(crate) fn calibrate_campaign(
     };
     // Those that the campaign file names are read as it says.
     let rows = if is_tumble { Rows::OfRecordings } else { Rows::OfCampaign };
-    let sources = if given { sources(&recordings, rows)? } else { Vec::new() };
+    let (work, shared) = (Work::new(progress), &recordings);
     let named = campaign_file.ramps(&campaign).into_iter().chain(campaign_file.curves(&campaign));
     for path in recordings.iter().filter_map(RecordingSource::path).cloned().chain(named) {
         fs::metadata(&path).map_err(|error| file(&path, &error))?;
     }
-    let outcome = py.detach(|| {
+    let bar = work.bar();
+    let outcome = work.run(py, || {
         let FitOptions { turntable, tumble, input, .. } = options;
+        let sources = if given { sources(shared, rows, &work) } else { Vec::new() };
         let inputs = match is_tumble {
-            true => Inputs::tumble(&campaign, Some(&campaign_file), sources, tumble, &input, &no_bar)?,
-            false => Inputs::turntable(&campaign, &campaign_file, sources, turntable, &input, &no_bar)?,
+            true => Inputs::tumble(&campaign, Some(&campaign_file), sources, tumble, &input, &bar)?,
+            false => Inputs::turntable(&campaign, &campaign_file, sources, turntable, &input, &bar)?,
         };
         inputs.fit(&campaign, Some(&campaign_file))
     });
-    Ok(Calibration::new(&campaign, &outcome.map_err(|refused| failed(&refused))?))
+    Ok(Calibration::new(&campaign, &outcome?.map_err(|refused| failed(&refused))?))
 }
 
 /// Makes a table of recordings of a warm-up. Without a `nominal` table they must be files of readings of other
@@ -183,20 +192,23 @@ pub(crate) fn calibrate_warm_up(
     nominal: Option<&Table>,
     gravity: Option<f64>,
     options: Options,
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let imu = imu_id(imu)?;
     let options = options.checked()?;
-    let sources = sources(&recordings, Rows::OfRecordings)?;
     for path in recordings.iter().filter_map(RecordingSource::path) {
         fs::metadata(path).map_err(|error| file(path, &error))?;
     }
     let nominal = nominal.map(|table| CoefficientTable::clone(&table.0));
-    let made = py.detach(|| {
+    let work = Work::new(progress);
+    let bar = work.bar();
+    let made = work.run(py, || {
         let (nominal, FitOptions { warm_up, input, .. }) = ((nominal, gravity), options);
-        let (campaign, inputs) = Inputs::warm_up(&imu, sources, nominal, warm_up, &input, &no_bar)?;
+        let sources = sources(&recordings, Rows::OfRecordings, &work);
+        let (campaign, inputs) = Inputs::warm_up(&imu, sources, nominal, warm_up, &input, &bar)?;
         inputs.fit(&campaign, None).map(|outcome| Calibration::new(&campaign, &outcome))
     });
-    made.map_err(|refused| failed(&refused))
+    made?.map_err(|refused| failed(&refused))
 }
 
 /// The number of an IMU in the logs, its calibration, and the exception that refuses it.
@@ -213,6 +225,7 @@ pub(crate) fn calibrate_vehicle(
     nominal: HashMap<u32, PyRef<'_, Table>>,
     gravity: Option<f64>,
     options: Options,
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<OfVehicle>> {
     let imu = imu_id(imu)?;
     let options = options.checked()?;
@@ -221,13 +234,15 @@ pub(crate) fn calibrate_vehicle(
     }
     let nominal: HashMap<_, _> =
         nominal.iter().map(|(instance, table)| (*instance, CoefficientTable::clone(&table.0))).collect();
-    let made = py.detach(|| {
-        let vehicle = Vehicle::of(&imu, &logs, &options.input.foreign, &no_bar)?;
+    let work = Work::new(progress);
+    let bar = work.bar();
+    let made = work.run(py, || {
+        let vehicle = Vehicle::of(&imu, &logs, &options.input.foreign, &bar)?;
         let one = |of: &VehicleImu| {
             let (input, instance) = (of.input(&options.input), of.instance.unwrap_or_default());
             let sources = RowSource::files(&logs);
             let nominal = (nominal.get(&instance).cloned(), gravity);
-            let read = Inputs::warm_up(&of.imu, sources, nominal, options.warm_up.clone(), &input, &no_bar);
+            let read = Inputs::warm_up(&of.imu, sources, nominal, options.warm_up.clone(), &input, &bar);
             let calibration = read.and_then(|(campaign, inputs)| {
                 inputs.fit(&campaign, None).map(|outcome| Calibration::new(&campaign, &outcome))
             });
@@ -235,7 +250,7 @@ pub(crate) fn calibrate_vehicle(
         };
         Ok::<_, Failure>(vehicle.imus.iter().map(one).collect::<Vec<_>>())
     });
-    let made = made.map_err(|failure| failed(&JobFailure::from(failure)))?;
+    let made = made?.map_err(|failure| failed(&JobFailure::from(failure)))?;
     let split = |(instance, made): (u32, Result<Calibration, JobFailure>)| -> OfVehicle {
         match made {
             Ok(made) => (instance, Some(made), None),
@@ -329,25 +344,36 @@ enum Rows {
 }
 
 /// The recordings as the job takes them.
-fn sources<'a>(recordings: &'a [RecordingSource], rows_are: Rows) -> PyResult<Vec<RowSource<'a>>> {
+fn sources<'a>(recordings: &'a [RecordingSource], rows_are: Rows, work: &Arc<Work>) -> Vec<RowSource<'a>> {
     let source = |(index, recorded): (usize, &'a RecordingSource)| match recorded {
-        RecordingSource::File(path) => Ok(RowSource::File(path.clone())),
+        RecordingSource::File(path) => RowSource::File(path.clone()),
         RecordingSource::Rows(rows) => {
             let bytes = &**rows;
-            let sha256 = sha256(bytes);
-            Ok(match rows_are {
-                Rows::OfRecordings => RowSource::Rows {
-                    name: format!("recording {}", index + 1),
-                    sha256,
-                    rows: Box::new(raw_rows(bytes)),
-                },
-                Rows::OfCampaign => {
-                    RowSource::Rows { name: "samples".to_owned(), sha256, rows: Box::new(campaign_rows(bytes)) }
+            let sha256 = sha256_of(bytes);
+            match rows_are {
+                Rows::OfRecordings => {
+                    let rows = work.rows(bytes.len() / RAW, raw_rows(bytes));
+                    RowSource::Rows { name: format!("recording {}", index + 1), sha256, rows: Box::new(rows) }
                 }
-            })
+                Rows::OfCampaign => {
+                    let rows = work.rows(bytes.len() / ROW, campaign_rows(bytes));
+                    RowSource::Rows { name: "samples".to_owned(), sha256, rows: Box::new(rows) }
+                }
+            }
         }
     };
     recordings.iter().enumerate().map(source).collect()
+}
+
+/// The SHA-256 of an array, with checkpoints.
+fn sha256_of(bytes: &[u8]) -> String {
+    let mut hash = HashingStream::new(io::sink());
+    for part in bytes.chunks(1 << 20) {
+        checkpoint();
+        // A sink takes all.
+        let _ = hash.write_all(part);
+    }
+    hash.finish().1
 }
 
 /// The raw samples of an array. Messages count them from 0, as in the array.
@@ -430,6 +456,10 @@ impl Calibration {
             summary: outcome.json().to_string(),
             orders: Value::Array(Vec::new()).to_string(),
             html: outcome.html(campaign),
+            // The table was made here, and is read without a fault.
+            curves: TableFile::from_toml("table", &outcome.table)
+                .map(|table| of_calibration(&outcome.fitted, campaign, &table))
+                .unwrap_or_default(),
             ..Self::default()
         };
         match &outcome.fitted {
@@ -552,6 +582,11 @@ impl Calibration {
 
     fn gyroscope_runs(&self) -> Vec<Run> {
         self.gyroscope_runs.clone()
+    }
+
+    /// The curves of bias, K+ and K- of each sensor, in the units of the table.
+    fn curves(&self) -> Vec<Curve> {
+        self.curves.clone()
     }
 
     fn html(&self) -> &str {

@@ -3,9 +3,10 @@
 use crate::errors::{ComparisonError, faults, in_python};
 use isotherm_pipeline::now;
 
-use crate::records::{document, python};
+use crate::records::{document, python, screen};
 use crate::table::Table;
 use crate::value::{Reduced, Value, reduced};
+use crate::work::Work;
 use isotherm_analysis::{Batch as Statistics, Comparison as Differences, ComparisonRequirement};
 use isotherm_fit::{TableFile, tool};
 use isotherm_report::batch::BatchSource;
@@ -13,6 +14,7 @@ use isotherm_report::comparison::ComparisonSource;
 use isotherm_report::{batch as batch_report, comparison as report};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::borrow::Cow;
 use std::path::PathBuf;
 
@@ -53,14 +55,14 @@ pub(crate) fn compare(
     other_device: bool,
 ) -> PyResult<Comparison> {
     let named = texts(named);
-    py.detach(|| Comparison::of((named, other_device)))
+    Work::new(None).run(py, || Comparison::of((named, other_device)))?
 }
 
 /// The statistics of tables, each with the name that messages have.
 #[pyfunction]
 pub(crate) fn batch(py: Python<'_>, named: Vec<(String, PyRef<'_, Table>)>) -> PyResult<Batch> {
     let named = texts(named);
-    py.detach(|| Batch::of(named))
+    Work::new(None).run(py, || Batch::of(named))?
 }
 
 impl Value for Comparison {
@@ -126,13 +128,26 @@ impl Comparison {
         checked.map_err(|message| ComparisonError::new_err(format!("{}: {message}", self.0.new_table().name)))
     }
 
+    /// The report as HTML, with the judgement of what is required.
+    #[pyo3(signature = (*, require = None))]
+    fn html(&self, require: Option<&str>) -> PyResult<String> {
+        let required = require.map(requirement).transpose()?;
+        Ok(report::html(&self.0, &ComparisonSource { tool: tool(), time: now(), required }))
+    }
+
     /// Writes the report (HTML), with the judgement of what is required.
     #[pyo3(signature = (path, *, require = None))]
     fn report(&self, py: Python<'_>, path: PathBuf, require: Option<&str>) -> PyResult<()> {
-        let required = require.map(requirement).transpose()?;
-        let time = now();
-        let page = report::html(&self.0, &ComparisonSource { tool: tool(), time, required });
-        python(py, "_files", "write_text")?.call1((path, page)).map(drop)
+        python(py, "_files", "write_text")?.call1((path, self.html(require)?)).map(drop)
+    }
+
+    fn _repr_html_(&self) -> PyResult<String> {
+        Ok(screen(&self.html(None)?))
+    }
+
+    #[pyo3(signature = (**options))]
+    fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        python(slf.py(), "_plot", "comparison")?.call((slf,), options)
     }
 
     fn __str__(&self) -> String {
@@ -179,16 +194,28 @@ impl Batch {
         )
     }
 
-    /// Writes the report (HTML).
-    fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+    /// The report as HTML.
+    fn html(&self) -> String {
         let source = BatchSource {
             tool: tool(),
             time: now(),
             source: format!("{} tables", self.0.devices.len()),
             dropped: Vec::new(),
         };
-        let page = batch_report::html(Ok(&self.0), &source);
-        python(py, "_files", "write_text")?.call1((path, page)).map(drop)
+        batch_report::html(Ok(&self.0), &source)
+    }
+
+    fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        python(py, "_files", "write_text")?.call1((path, self.html())).map(drop)
+    }
+
+    fn _repr_html_(&self) -> String {
+        screen(&self.html())
+    }
+
+    #[pyo3(signature = (**options))]
+    fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        python(slf.py(), "_plot", "batch")?.call((slf,), options)
     }
 
     fn __str__(&self) -> String {

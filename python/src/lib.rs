@@ -6,6 +6,7 @@ mod calibration;
 mod compare;
 mod connection;
 mod convert;
+mod curves;
 mod errors;
 mod files;
 mod lag;
@@ -22,6 +23,7 @@ mod run;
 mod table;
 mod value;
 mod wait;
+mod work;
 
 use isotherm_shared::wire::Flags;
 use numpy::PyArray1;
@@ -41,6 +43,8 @@ mod _isotherm {
     #[pymodule_export]
     use crate::convert::{convert, write_ros};
     #[pymodule_export]
+    use crate::curves::Curve;
+    #[pymodule_export]
     use crate::files::write_texts;
     #[pymodule_export]
     use crate::lag::device;
@@ -59,7 +63,7 @@ mod _isotherm {
     #[pymodule_export]
     use crate::recordings::{read_increments, read_recording, write_increments, write_recording};
     #[pymodule_export]
-    use crate::records::Increment;
+    use crate::records::{Increment, screen};
     #[pymodule_export]
     use crate::table::{Axis, Polynomial, Table};
     #[pymodule_export]

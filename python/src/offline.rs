@@ -3,14 +3,18 @@
 use crate::convert::exception;
 use crate::errors::{StabilityError, file, in_python};
 use crate::recordings::{order_fault, refuse_disorder};
-use crate::records::{Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, view};
+use crate::records::{
+    Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, screen, view,
+};
 use crate::table::Table;
 use crate::value::{Reduced, Value, reduced};
+use crate::work::Work;
 use isotherm_fit::{Origin, tool};
 use isotherm_pipeline::{now, repair_into};
 use isotherm_recording::Continuity;
 use isotherm_report::json::verification;
-use isotherm_report::verification::{VerificationSource, html};
+use isotherm_report::verification::{VerificationSource, html as report_html};
+
 use isotherm_shared::compensate::answer;
 use isotherm_shared::lag::LagCompletion;
 use isotherm_shared::sequence::Period;
@@ -19,26 +23,36 @@ use isotherm_shared::wire::RawSample;
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, MAX_ORDER, OrderTable, Regression, Rule, default_order,
 };
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::finding::{Finding, name};
 use isotherm_verification::{Collector, LocalGravity, Requirement, Setup, Stability as Figures};
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::borrow::Cow;
 use std::fs::File;
 use std::path::PathBuf;
 
 /// The increments of raw samples; samples and increments are bytes.
 #[pyfunction]
-pub(crate) fn replay<'py>(py: Python<'py>, table: &Table, samples: Values<u8>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+pub(crate) fn replay<'py>(
+    py: Python<'py>,
+    table: &Table,
+    samples: Values<u8>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyArray1<u8>>> {
     let out = increments(py, samples.len() / RAW);
     let mut writable = out.readwrite();
     let places = writable.as_slice_mut()?;
-    py.detach(|| {
-        for (sample, place) in with_lag(&samples, &table.0).zip(places.chunks_exact_mut(INCREMENT)) {
+    let work = Work::new(progress);
+    work.run(py, || {
+        for (sample, place) in
+            work.rows(samples.len() / RAW, with_lag(&samples, &table.0)).zip(places.chunks_exact_mut(INCREMENT))
+        {
             place.copy_from_slice(&increment_bytes(&answer(Some(&table.0), &sample)));
         }
-    });
+    })?;
     drop(writable);
     Ok(out)
 }
@@ -48,12 +62,17 @@ pub(crate) fn replay<'py>(py: Python<'py>, table: &Table, samples: Values<u8>) -
 #[pyfunction]
 pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: Values<u8>) -> PyResult<Vec<String>> {
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));
-    Ok(py.detach(|| {
+    Work::new(None).run(py, || {
         let out_of_order = order_fault(&samples).map(|(row, message)| format!("row {row}: {message}"));
-        let continuity: Continuity = rows.collect();
+        let rows = rows.enumerate().inspect(|(row, _)| {
+            if row % 4096 == 0 {
+                checkpoint();
+            }
+        });
+        let continuity: Continuity = rows.map(|(_, period)| period).collect();
         let found = continuity.findings(0.0).into_iter().chain(continuity.not_nominal(&table.0));
         out_of_order.into_iter().chain(found.map(|finding| finding.message)).collect()
-    }))
+    })
 }
 
 /// The samples of an array. If none has a time constant, the lagged temperature is computed with the table's, as the
@@ -98,7 +117,7 @@ pub(crate) fn regress(
     if let Some(effect) = min_effect.filter(|effect| !(effect.is_finite() && *effect >= 0.0)) {
         return Err(PyValueError::new_err(format!("min_effect is {effect}, give a number from 0")));
     }
-    let document = py.detach(|| {
+    let document = Work::new(None).run(py, || {
         let points = (0..x.len())
             .map(|i| point(i, x[i], y[i], weights.as_ref().map(|weights| weights[i])))
             .collect::<Result<_, _>>()?;
@@ -112,7 +131,7 @@ pub(crate) fn regress(
         let regression = Regression::with_linear(points, "x", linear, order).map_err(|error| error.to_string())?;
         Ok::<_, String>(OrderTable::choose(regression, &Rule { effect: min_effect, ..Rule::default() }).json())
     });
-    document.map(|document| document.to_string()).map_err(PyValueError::new_err)
+    document?.map(|document| document.to_string()).map_err(PyValueError::new_err)
 }
 
 /// The shortest decimal number that reads back to `value`, as a file would contain it; `name[index]` stands in the
@@ -177,18 +196,21 @@ pub(crate) fn verify(
     other_device: bool,
     accept: Vec<String>,
     recording: String,
+    progress: Option<Py<PyAny>>,
 ) -> PyResult<Stability> {
     let accepts_holes = crate::calibration::accepted(&accept)?.contains(&name::NOT_COVERED);
     let setup = Setup { other_device, ..Setup::new(attitude, LocalGravity::of(gravity_local, &table.0)) };
     let setup = setup.at_angles(&table.0, angles).map_err(|message| PyValueError::new_err(in_python(&message)))?;
-    py.detach(|| refuse_disorder(&recording, &samples))?;
-    let figures = py.detach(|| {
+    let work = Work::new(progress);
+    let figures = work.run(py, || {
+        refuse_disorder(&recording, &samples)?;
         let mut collector = Collector::new(&table.0, window);
-        with_lag(&samples, &table.0).for_each(|sample| collector.add(&sample));
+        work.rows(samples.len() / RAW, with_lag(&samples, &table.0)).for_each(|sample| collector.add(&sample));
         let made_the_table = Origin::of_toml(table.text(), &table.0).is_made_from(collector.marks(), "");
-        collector.finish(&setup).map(|stability| Figures { made_the_table, accepts_holes, ..stability })
-    });
-    let figures = figures.map_err(|error| StabilityError::new_err(in_python(&error.to_string())))?;
+        let found = collector.finish(&setup);
+        let found = found.map_err(|error| StabilityError::new_err(in_python(&error.to_string())))?;
+        Ok::<_, PyErr>(Figures { made_the_table, accepts_holes, ..found })
+    })??;
     Ok(Stability { table: table.share(), figures, window_s: window, recording })
 }
 
@@ -333,9 +355,9 @@ impl Stability {
         view(array(py, bytes), "WINDOW")
     }
 
-    /// Writes the report (HTML), with the judgement of what is required.
-    #[pyo3(signature = (path, *, require = None))]
-    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
+    /// The report as HTML, with the judgement of what is required.
+    #[pyo3(signature = (*, require = None))]
+    fn html(&self, require: Option<Require>) -> PyResult<String> {
         let source = VerificationSource {
             tool: tool(),
             time: now(),
@@ -344,8 +366,22 @@ impl Stability {
             window_s: self.window_s,
             required: require.map(Require::requirement).transpose()?,
         };
-        let page = html(&self.table.0, &self.figures, &source);
-        python(py, "_files", "write_text")?.call1((path, page)).map(drop)
+        Ok(report_html(&self.table.0, &self.figures, &source))
+    }
+
+    /// Writes the report (HTML), with the judgement of what is required.
+    #[pyo3(signature = (path, *, require = None))]
+    fn report(&self, py: Python<'_>, path: PathBuf, require: Option<Require>) -> PyResult<()> {
+        python(py, "_files", "write_text")?.call1((path, self.html(require)?)).map(drop)
+    }
+
+    fn _repr_html_(&self) -> PyResult<String> {
+        Ok(screen(&self.html(None)?))
+    }
+
+    #[pyo3(signature = (**options))]
+    fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        python(slf.py(), "_plot", "stability")?.call((slf,), options)
     }
 
     fn __repr__(&self) -> String {

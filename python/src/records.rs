@@ -131,6 +131,12 @@ pub(crate) fn increment_bytes(increment: &CompensatedIncrement) -> [u8; INCREMEN
     record
 }
 
+/// The first screen of a report, as a notebook shows it.
+#[pyfunction]
+pub(crate) fn screen(html: &str) -> String {
+    isotherm_report::framed(&isotherm_report::first_screen(html))
+}
+
 /// The values of a contiguous array. They are copied: while the interpreter's lock is released, another thread may
 /// write into the array.
 #[derive(Debug, Default)]

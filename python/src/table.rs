@@ -1,15 +1,18 @@
 //! The Python classes `Table`, `Axis` and `Polynomial`.
 
+use crate::curves::{Curve, of_table};
 use crate::errors::{TableError, faults, file};
-use crate::records::Values;
+use crate::records::{Values, screen};
 use crate::value::{Reduced, Value, reduced};
+use isotherm_fit::TableFile;
 use isotherm_shared::document::MAX_BYTES;
-use isotherm_shared::polynomial::Polynomial as Curve;
+use isotherm_shared::polynomial::Polynomial as Powers;
 use isotherm_shared::table::{Axis as Coefficients, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use numpy::{PyArray1, PyArrayMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::borrow::Cow;
 use std::fs::File;
 use std::hash::{Hash, Hasher};
@@ -42,6 +45,11 @@ impl Table {
     pub fn text(&self) -> &str {
         &self.1
     }
+
+    /// The table with what its provenance says.
+    fn file(&self) -> PyResult<TableFile> {
+        TableFile::from_toml("table", self.text()).map_err(|all| faults("table", &all))
+    }
 }
 
 /// The coefficients of one accelerometer or gyroscope. Two are equal by name and coefficients, whatever table they are
@@ -69,7 +77,7 @@ pub struct Axis {
 /// (5.5, array([1.5, 3.5]))
 #[pyclass(frozen, eq, hash, module = "isotherm")]
 pub struct Polynomial {
-    curve: Curve,
+    curve: Powers,
     unit: Cow<'static, str>,
 }
 
@@ -209,6 +217,33 @@ impl Table {
         self.0.content().gyroscopes.as_ref()?.alignment.as_ref().map(rows)
     }
 
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        crate::records::python(py, "_files", "write_text")?.call1((path, self.file()?.sealed(self.text()))).map(drop)
+    }
+
+    fn curve_list(&self) -> PyResult<Vec<Curve>> {
+        Ok(of_table(&self.file()?))
+    }
+
+    #[getter]
+    fn curves<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let curves = slf.get().curve_list()?;
+        crate::records::python(slf.py(), "_curves", "by_name")?.call1((curves,))
+    }
+
+    fn html(&self) -> PyResult<String> {
+        Ok(isotherm_report::table::html(&self.file()?))
+    }
+
+    fn _repr_html_(&self) -> PyResult<String> {
+        Ok(screen(&self.html()?))
+    }
+
+    #[pyo3(signature = (**options))]
+    fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
+        crate::records::python(slf.py(), "_plot", "table")?.call((slf,), options)
+    }
+
     fn __str__(&self) -> String {
         self.0.to_toml()
     }
@@ -248,7 +283,7 @@ impl Axis {
         gyroscopes.g_sensitivity[self.index]
     }
 
-    fn curve(&self, curve: Curve, unit: &'static str) -> Polynomial {
+    fn curve(&self, curve: Powers, unit: &'static str) -> Polynomial {
         Polynomial { curve, unit: unit.into() }
     }
 }
@@ -309,7 +344,7 @@ impl Value for Polynomial {
     fn of((coefficients, center, scale, range, unit): Self::State) -> PyResult<Self> {
         let wrong =
             "give 1 to 8 finite coefficients, a finite center, a scale that is not 0, and a range from low to high";
-        let curve = Curve::new(&coefficients, center, scale, range).ok_or_else(|| {
+        let curve = Powers::new(&coefficients, center, scale, range).ok_or_else(|| {
             PyValueError::new_err(format!(
                 "coefficients are {coefficients:?}, center is {center}, scale is {scale}, range is {range:?}: {wrong}"
             ))

@@ -3,6 +3,7 @@
 
 use crate::calibration::Calibration;
 use crate::compare::{Batch, Comparison};
+use crate::curves::Curve;
 use crate::offline::Stability;
 use crate::parameters::Exported;
 use crate::readings::Readings;
@@ -54,7 +55,7 @@ macro_rules! equal_by_state {
         }
     )*};
 }
-equal_by_state!(Batch, Calibration, Comparison, Exported, Increment, Polynomial, Stability);
+equal_by_state!(Batch, Calibration, Comparison, Curve, Exported, Increment, Polynomial, Stability);
 
 /// What `__reduce__` returns: a function, and the arguments of which it makes the value.
 pub(crate) type Reduced<'py> = (Bound<'py, PyAny>, (&'static str, Bound<'py, PyBytes>));
@@ -84,6 +85,7 @@ pub(crate) fn restored<'py>(py: Python<'py>, kind: &str, state: &[u8]) -> PyResu
         Batch::NAME => of::<Batch>(py, state),
         Calibration::NAME => of::<Calibration>(py, state),
         Comparison::NAME => of::<Comparison>(py, state),
+        Curve::NAME => of::<Curve>(py, state),
         Exported::NAME => of::<Exported>(py, state),
         Increment::NAME => of::<Increment>(py, state),
         Polynomial::NAME => of::<Polynomial>(py, state),

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import isotherm
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import BINARY, CAMPAIGN, EXAMPLES, MEMS_TABLE, REPOSITORY, RUN, TABLE, TIMEOUT, DomainUnderTest
 
@@ -217,7 +218,12 @@ def test_fleet(tmp_path: Path) -> None:
     assert "2 tables, 2 campaigns failed\nbatch of 2 devices\n" in done.stdout, done.stdout
     assert f"{campaigns[1]}: failed: [Errno 2] No such file or directory" in done.stderr
     assert f"{campaigns[3]}: failed: {campaigns[2]} is a campaign of imu-3 too; give one" in done.stderr
-    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]
+    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["fleet.csv", "imu-1.html", "imu-1.toml", "imu-3.html", "imu-3.toml"]
+
+    fleet = pd.read_csv(tmp_path / "tables/fleet.csv", index_col="campaign")
+    assert list(fleet.index) == [str(campaign) for campaign in campaigns]
+    assert fleet["error"].notna().tolist() == [False, True, False, True]
+    assert fleet["imu"].dropna().tolist() == ["imu-1", "imu-3"] and (fleet["a1_bias_band_g0"].dropna() > 0.0).all()
 
     def without_time(text: str) -> str:
         return re.sub(r"^time = .*\n", "", text, flags=re.MULTILINE)
@@ -241,3 +247,30 @@ def test_fleet_without_statistics(tmp_path: Path) -> None:
     assert done.returncode == 1, done.stderr
     assert "2 tables, 0 campaigns failed\n" in done.stdout, done.stdout
     assert "failed: statistics of the batch: temperature in V and other" in done.stderr
+
+
+def test_a_fleet_is_judged(tmp_path: Path) -> None:
+    """With --verify each row has a verdict; a campaign without the recording has the reason."""
+    for name in ("imu-1", "imu-2"):
+        shutil.copytree(CAMPAIGN.parent, tmp_path / name)
+        file = tmp_path / name / "campaign.toml"
+        file.write_text(file.read_text().replace('"imu-paper"', f'"{name}"'))
+    of_another_device(tmp_path / "imu-2" / "samples.csv")
+    subprocess.run([BINARY, "simulate", "run", "-o", tmp_path / "imu-1", "--interval", "1"], check=True, capture_output=True, timeout=TIMEOUT)
+    campaigns = [tmp_path / name / "campaign.toml" for name in ("imu-1", "imu-2")]
+    arguments = [sys.executable, EXAMPLES / "fleet.py", *campaigns, "-o", tmp_path / "tables", "--workers", "1", "--verify", "run.csv"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 1, done.stderr
+    fleet = pd.read_csv(tmp_path / "tables/fleet.csv")
+    assert str(fleet["met"][0]) == "True" and "factor" in fleet["verdict"][0]
+    assert "run.csv" in fleet["error"][1] and (tmp_path / "tables/imu-2.toml").exists()
+
+
+def test_the_pool_of_the_fleet_page(tmp_path: Path) -> None:
+    """One bad campaign has a reason, and the other its accuracy."""
+    (tmp_path / "pool.py").write_text(blocks(REPOSITORY / "docs/fleet.md")[1])
+    shutil.copytree(CAMPAIGN.parent, tmp_path, dirs_exist_ok=True)
+    done = subprocess.run([sys.executable, "pool.py"], capture_output=True, text=True, timeout=150, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    good, bad = done.stdout.splitlines()
+    assert good.startswith("campaign.toml bias +- ") and bad.startswith("missing.toml [Errno 2] No such file")

@@ -17,6 +17,7 @@ use crate::counts;
 use crate::net::steps;
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
+use isotherm_support::checkpoint::checkpoint;
 use level::{Level, norm};
 use std::ops::Range;
 use windows::{Counts, GAP, Windows};
@@ -233,6 +234,7 @@ pub fn find_static_poses(rows: &[RawSample], window_s: Option<f64>) -> Result<St
     if level.wander > 1.0 / window_rows as f64 + HAND.0 && scatter_rad > HAND.1 {
         return Err(StaticPoseError::Moving { window_rows, scatter_rad, cause: counts::cause(rows) });
     }
+    checkpoint();
     let least = windows.window_rows.max((LEAST_LENGTH_S * 1e9 / windows.interval_ns).round() as usize);
     let pieces = windows.runs(&level.at_rest(&windows), level.allan);
     let pieces: Vec<_> = pieces.into_iter().map(|run| windows.without_ends(run, level.allan)).collect();
@@ -263,6 +265,7 @@ fn quietest(rows: &[RawSample], window_s: Option<f64>) -> Result<(Windows, Level
     for &(window_s, most) in asked.as_ref().map_or(&usual[..], |asked| asked) {
         let windows = Windows::new(rows, window_s);
         for live_alone in [true, false] {
+            checkpoint();
             match Level::quietest(&windows, live_alone, most) {
                 Ok(level) => return Ok((windows, level)),
                 Err(level) => {

@@ -2,6 +2,7 @@
 //! covariance from the scatter between set points.
 
 use isotherm_statistics::{LeastSquares, least_squares};
+use isotherm_support::checkpoint::checkpoint;
 use nalgebra::{DMatrix, DVector};
 
 /// Most Gauss-Newton steps; four or five are usual.
@@ -35,6 +36,7 @@ pub(crate) struct NewtonStep {
 impl NewtonStep {
     /// `None` if the equations do not determine the unknowns.
     pub(crate) fn of(jacobian: DMatrix<f64>, residual: DVector<f64>) -> Option<Self> {
+        checkpoint();
         let LeastSquares { change, inverse, condition } = least_squares(&jacobian, &residual)?;
         Some(Self { jacobian, residual, inverse, change, condition })
     }

@@ -51,6 +51,14 @@ pub fn html(
     page.finish()
 }
 
+/// The set points of a curve as the page draws them: temperature, value, and half length of the error bar, NaN where it is
+/// not known; in the unit of the fit.
+#[must_use]
+pub fn set_points(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> Vec<[f64; 3]> {
+    let points = triad::points(triad, axis, quantity, &|_| 0.0, 1.0);
+    points.zip(triad::errors(triad, axis, quantity)).map(|((at, value), half)| [at, value, half]).collect()
+}
+
 impl CalibrationPage<'_> {
     fn triad(&self, page: &mut Page, triad: &CalibratedTriad<'_>) {
         self.curves(page, triad);

@@ -33,6 +33,7 @@ mod plot;
 pub mod ramps;
 mod shown;
 mod svg;
+pub mod table;
 pub mod text;
 mod thin;
 mod transients;
@@ -42,5 +43,5 @@ pub mod verification;
 mod view;
 pub mod warm_up;
 
-pub use page::{Cell, NoteKind, Page};
+pub use page::{Cell, NoteKind, Page, first_screen, framed};
 pub use plot::{Plot, Style};

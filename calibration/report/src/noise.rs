@@ -56,6 +56,17 @@ pub fn html(analysis: &NoiseAnalysis, source: &NoiseSource) -> String {
     page.finish()
 }
 
+/// The page of rates whose unit is not known, by this program.
+#[must_use]
+pub fn rates_html(allan: &Allan, tool: &str) -> String {
+    let mut page = Page::new("Noise of rates", tool);
+    page.heading(2, "result", "Result");
+    coefficients(&mut page, "the rates", allan, &json::RATES);
+    page.figures(&[figure("Rates", allan, &json::RATES)]);
+    meaning(&mut page);
+    page.finish()
+}
+
 /// A sensor: its coefficients, its curve, and its line in head temperature.
 fn sensor(page: &mut Page, sensor: &SensorNoise, temperature_unit: &str) {
     page.heading(2, sensor.name, sensor.name);

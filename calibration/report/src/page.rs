@@ -97,6 +97,29 @@ impl Render for Cell {
 /// A column of a table: its title, and the cell of an item.
 pub(crate) type Column<'a, T> = (&'a str, &'a dyn Fn(&T) -> Cell);
 
+/// The first screen of a document that [`Page::finish`] made: its title and its first section, without contents.
+#[must_use]
+pub fn first_screen(document: &str) -> String {
+    // No text of a document has a bare `<`, so these are its own tags.
+    let (head, rest) = document.split_once("<nav").unwrap_or((document, ""));
+    let after_contents = rest.split_once("</nav>").map_or("", |(_, main)| main);
+    let mut headings = after_contents.match_indices("<h2").map(|(place, _)| place).skip(1);
+    match headings.next() {
+        Some(second) => format!("{head}{}</main></body></html>\n", &after_contents[..second]),
+        None => format!("{head}{after_contents}"),
+    }
+}
+
+/// A document as a part of another page, as a notebook shows it: in a frame of its own, so that neither style changes the
+/// other, and without any right.
+#[must_use]
+pub fn framed(document: &str) -> String {
+    let frame = html! {
+        iframe srcdoc=(document) sandbox="" style="width:100%;height:32em;border:0;resize:vertical" {}
+    };
+    frame.into_string()
+}
+
 /// A document that is built by appending to it.
 #[derive(Clone, Debug)]
 pub struct Page {
@@ -358,6 +381,22 @@ pub(super) mod tests {
         }
         assert_eq!(page.matches('<').count(), filled("harmless").matches('<').count());
         assert_eq!(page.matches("&lt;script&gt;").count(), 31, "every text is there");
+    }
+
+    #[test]
+    fn the_first_screen_is_the_first_section_and_a_frame_holds_it_as_text() {
+        let mut page = Page::new("t<1>", "from \"x\"");
+        page.heading(2, "result", "Result");
+        page.paragraph("first & foremost </iframe><h2>");
+        page.heading(2, "more", "More");
+        page.paragraph("second");
+        let first = first_screen(&page.finish());
+        assert_well_formed(&first.replace("<!DOCTYPE html>", ""));
+        assert!(first.contains("foremost") && !first.contains("second") && !first.contains("<nav"));
+        let frame = framed(&first);
+        assert_eq!((frame.matches('<').count(), frame.matches("<iframe").count()), (2, 1));
+        let alone = Page::new("t", "").finish();
+        assert_eq!(first_screen(&alone), alone);
     }
 
     #[test]

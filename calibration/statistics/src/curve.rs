@@ -7,6 +7,7 @@ use crate::regression::{Regression, expansion};
 use crate::student::student_quantile_of;
 use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 /// Largest acceptable rounding error of a table's polynomial, relative to its largest value.
 const MAX_ROUNDING: f64 = 1e-11;
@@ -31,7 +32,7 @@ const CHECK_POINTS: u32 = 64;
 /// # Ok(())
 /// # }
 /// ```
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Curve {
     center: f64,
     scale: f64,
@@ -45,7 +46,7 @@ pub struct Curve {
 }
 
 /// What a slope that a curve lacks adds to its interval: `per_unit` times the distance from `about`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct SlopeError {
     /// Half width of the 95 % interval per unit of temperature, in the value's unit.
     pub per_unit: f64,

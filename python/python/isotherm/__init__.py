@@ -1,6 +1,8 @@
 """Isotherm: clients of the compensation service and its offline tools. See docs/python.md of the repository."""
 
 from ._convert import convert, write_ros
+from ._curves import Curve, Estimate, Estimates
+from ._documents import AxesNoise, Lengths, Noise, RateNoise, SensorNoise
 from ._errors import (
     CalibrationError,
     Closed,
@@ -66,6 +68,7 @@ __all__ = [
     "TRIAD",
     "WINDOW",
     "Acquisition",
+    "AxesNoise",
     "Axis",
     "Batch",
     "Calibration",
@@ -73,21 +76,28 @@ __all__ = [
     "Closed",
     "Comparison",
     "ComparisonError",
+    "Curve",
+    "Estimate",
+    "Estimates",
     "Exported",
     "Flags",
     "Full",
     "Increment",
     "IncrementReader",
     "IsothermError",
+    "Lengths",
     "Loan",
     "NoService",
     "NoSuchImu",
+    "Noise",
     "NoiseError",
     "Occupied",
     "Polynomial",
+    "RateNoise",
     "Readings",
     "RecordingFault",
     "Records",
+    "SensorNoise",
     "SequenceError",
     "Stability",
     "StabilityError",

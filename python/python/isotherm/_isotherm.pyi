@@ -1,13 +1,14 @@
 # The native module. Users import `isotherm` only.
 
 import os
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Final, Literal, Self, final, overload
 
 import numpy as np
 import numpy.typing as npt
 
+from ._curves import Curve as PublicCurve
 from ._records import Records
 
 _Bytes = npt.NDArray[np.uint8]
@@ -16,6 +17,7 @@ _Path = str | os.PathLike[str]
 _Triple = tuple[float, float, float]
 _Pulses = Sequence[int] | npt.NDArray[np.integer[Any]]
 _Temperature = Sequence[float] | npt.NDArray[np.floating[Any]]
+_Progress = Callable[[int, int], object] | None
 _Lagged = tuple[int, float, float, float, int]
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "Batch",
     "Calibration",
     "Comparison",
+    "Curve",
     "Exported",
     "Increment",
     "IncrementReader",
@@ -55,6 +58,7 @@ __all__ = [
     "repair",
     "replay",
     "restored",
+    "screen",
     "time_warnings",
     "verify",
     "write_increments",
@@ -579,8 +583,39 @@ class Table:
     @property
     def device(self) -> int:
         """The number of the device that it belongs to: `device(serial)`; 0 without a serial number."""
+    def save(self, path: _Path) -> None:
+        """Writes the table file, sealed by its digest, with the provenance of the text that it was read from."""
+    @property
+    def curves(self) -> dict[tuple[str, str], PublicCurve]:
+        """The curves by sensor and quantity, as curves["A1", "bias"], with the errors that the provenance has."""
+    def curve_list(self) -> list[Curve]: ...
+    def html(self) -> str:
+        """A page with what the table says, and its curves."""
+    def _repr_html_(self) -> str: ...
+    def plot(self, *, axes: Any = None) -> Any:
+        """Draws the curves with their bands: a row of axes for each sensor. Needs matplotlib; returns the axes."""
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
+
+@final
+class Curve:
+    """A curve of a table or calibration, as numbers."""
+
+    @property
+    def sensor(self) -> str: ...
+    @property
+    def quantity(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def temperature_unit(self) -> str: ...
+    @property
+    def range(self) -> tuple[float, float]: ...
+    @property
+    def order(self) -> int: ...
+    @property
+    def points(self) -> list[list[float]]: ...
+    def evaluate(self, temperature: _Doubles, whole: bool) -> tuple[_Doubles, _Doubles]: ...
 
 @final
 class Axis:
@@ -731,6 +766,11 @@ class Stability:
         That is, if nothing can be claimed (see `warning`), if the run has fewer than 12 windows, or if a bound of
         `require` is not met. The message has a line for each reason; the last one has the remedies.
         """
+    def html(self, *, require: float | str | None = None) -> str:
+        """The report as HTML, with the judgement of what is required."""
+    def _repr_html_(self) -> str: ...
+    def plot(self, *, axes: Any = None) -> Any:
+        """Draws the errors before and after compensation over time, for each axis. Needs matplotlib; returns the axes."""
     def report(self, path: _Path, *, require: float | str | None = None) -> None:
         """Writes the report (HTML), with the judgement of what is required."""
 
@@ -754,6 +794,7 @@ class Calibration:
     def gyroscope_residuals(self) -> _Doubles: ...
     def gyroscope_runs(self) -> list[tuple[float, int, int, int, float]]: ...
     def html(self) -> str: ...
+    def curves(self) -> list[Curve]: ...
 
 @final
 class Comparison:
@@ -781,6 +822,11 @@ class Comparison:
         """Raises ComparisonError where `isotherm compare --require` ends with exit code 1: a difference is not within its
         bound.
         """
+    def html(self, *, require: str | None = None) -> str:
+        """The report as HTML, with the judgement of what is required."""
+    def _repr_html_(self) -> str: ...
+    def plot(self, *, axes: Any = None) -> Any:
+        """Draws the difference of each curve, new less old, with its band. Needs matplotlib; returns the axes."""
     def report(self, path: _Path, *, require: str | None = None) -> None:
         """Writes the report (HTML), with the judgement of what is required."""
 
@@ -803,6 +849,11 @@ class Batch:
     @property
     def stand_outs(self) -> list[tuple[str, str, float]] | None:
         """(IMU, quantity, t) of each value that stands out from the others; None under five devices."""
+    def html(self) -> str:
+        """The report as HTML."""
+    def _repr_html_(self) -> str: ...
+    def plot(self, *, ax: Any = None) -> Any:
+        """Draws how far each device is from the others, by quantity. Needs matplotlib; returns the axes."""
     def report(self, path: _Path) -> None:
         """Writes the report (HTML)."""
 
@@ -886,7 +937,8 @@ def import_parameters(
 
 def read_text(path: _Path) -> str: ...
 def restored(kind: str, state: bytes) -> Any: ...
-def replay(table: Table, samples: _Bytes) -> _Bytes: ...
+def screen(html: str) -> str: ...
+def replay(table: Table, samples: _Bytes, progress: _Progress) -> _Bytes: ...
 def time_warnings(table: Table, samples: _Bytes) -> list[str]: ...
 def read_recording(paths: Sequence[_Path], imu: str | None, part: tuple[str | None, str | None]) -> tuple[_Bytes, list[str]]: ...
 def read_increments(path: _Path, imu: str | None) -> tuple[_Bytes, list[str]]: ...
@@ -924,9 +976,12 @@ def verify(
     other_device: bool,
     accept: list[str],
     recording: str,
+    progress: _Progress,
 ) -> Stability: ...
-def noise(samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str) -> tuple[str, str, str | None]: ...
-def noise_of_rates(rates: _Doubles, interval_s: float, temperature: _Doubles | None) -> str: ...
+def noise(
+    samples: _Bytes, table: Table | None, part: tuple[float, float], recording: str, progress: _Progress
+) -> tuple[str, str, str | None, list[list[float]]]: ...
+def noise_of_rates(rates: _Doubles, interval_s: float, temperature: _Doubles | None) -> tuple[str, str, list[float]]: ...
 def calibrate_campaign(
     text: str,
     path: _Path,
@@ -934,6 +989,7 @@ def calibrate_campaign(
     recordings: Sequence[_Path | _Bytes] | None,
     is_tumble: bool,
     options: Mapping[str, Any],
+    progress: _Progress,
 ) -> Calibration: ...
 def calibrate_warm_up(
     recordings: Sequence[_Path | _Bytes],
@@ -941,6 +997,7 @@ def calibrate_warm_up(
     nominal: Table | None,
     gravity: float | None,
     options: Mapping[str, Any],
+    progress: _Progress,
 ) -> Calibration: ...
 def calibrate_vehicle(
     logs: Sequence[_Path],
@@ -948,8 +1005,16 @@ def calibrate_vehicle(
     nominal: Mapping[int, Table],
     gravity: float | None,
     options: Mapping[str, Any],
+    progress: _Progress,
 ) -> list[tuple[int, Calibration | None, Exception | None]]: ...
 def export_vehicle(imus: Sequence[tuple[str, Table | None]], to: str, at: float | None, drop: Sequence[str]) -> Exported: ...
 def lengths(
-    table: Table, samples: _Bytes, window: float | None, gravity_local: float | None, other_device: bool, require: str | None
-) -> dict[str, Any]: ...
+    table: Table,
+    samples: _Bytes,
+    window: float | None,
+    gravity_local: float | None,
+    other_device: bool,
+    require: str | None,
+    recording: str,
+    progress: _Progress,
+) -> tuple[dict[str, Any], str]: ...

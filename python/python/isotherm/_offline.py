@@ -18,10 +18,13 @@ from . import _isotherm
 from ._arguments import KINDS, check, texts
 from ._columns import is_arrow, is_frame
 from ._convert import part
+from ._curves import Curve, by_name
+from ._documents import AxesNoise, Noise, RateNoise
 from ._errors import NoiseError
 from ._files import write_text, write_together
 from ._isotherm import Batch, Comparison, Stability, Table
 from ._paths import AnyPath, is_path, paths
+from ._progress import Progress, shown
 from ._rates import noise_of_axes
 from ._records import CAMPAIGN, INCREMENT, RAW_SAMPLE, Records, as_bytes, doubles, increments_frame, records, rows_of, sample_bytes
 from ._times import Moment
@@ -37,10 +40,10 @@ LISTS = ("imus", "position", "turn", "ramp")
 
 
 @overload
-def replay(table: Table, samples: Records) -> Records: ...
+def replay(table: Table, samples: Records, *, progress: Progress = False) -> Records: ...
 @overload
-def replay(table: Table, samples: pd.DataFrame) -> pd.DataFrame: ...
-def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFrame:
+def replay(table: Table, samples: pd.DataFrame, *, progress: Progress = False) -> pd.DataFrame: ...
+def replay(table: Table, samples: Records | pd.DataFrame, *, progress: Progress = False) -> Records | pd.DataFrame:
     """The increments of raw samples, bit for bit those of the service; `latency_ns` is 0.
 
     An array gives an array of the same shape. A data frame with the columns of a recording gives one with the columns of
@@ -49,6 +52,8 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
 
     It warns of samples out of order, which the command refuses, and as the command where the intervals are not the time from sample to sample, where time is lost without a hole in `sequence`, of
     missing samples, and of scale factors that are of another interval. An array names no IMU.
+
+    `progress` is a function of (done, total), in bytes of files or rows of arrays, or True for a bar of tqdm.
 
     >>> table, samples = isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv")
     >>> increments = isotherm.replay(table, samples)
@@ -59,7 +64,8 @@ def replay(table: Table, samples: Records | pd.DataFrame) -> Records | pd.DataFr
     data = as_bytes(array)
     for warning in _isotherm.time_warnings(table, data):
         warnings.warn(warning, stacklevel=2)
-    increments = _isotherm.replay(table, data).view(INCREMENT)
+    with shown(progress, "replay") as callback:
+        increments = _isotherm.replay(table, data, callback).view(INCREMENT)
     if is_frame(samples):
         return increments_frame(increments, samples.index, table.gyroscopes is not None)  # type: ignore[union-attr]
     return increments.reshape(array.shape)
@@ -152,6 +158,7 @@ def verify(
     other_device: bool = False,
     accept: Iterable[str] = (),
     recording: str = "array",
+    progress: Progress = False,
 ) -> Stability:
     """Computes how stable the output is, before and after compensation, and how large its errors are, as `isotherm verify` does.
 
@@ -166,6 +173,8 @@ def verify(
     `other_device` is True.
 
     No bound is met where the run leaves out more than a tenth of a curve's range at one place, unless `accept` has "not-covered".
+
+    `progress` is a function of (done, total), in rows, or True for a bar of tqdm.
 
     Raises RecordingFault if the samples are out of order, and StabilityError if nothing can be computed. Use `Stability.check` to see whether the table is good enough.
 
@@ -189,8 +198,9 @@ def verify(
         turned = tuple(float(angle) for angle in angles)
         if len(turned) != 2 or not all(map(math.isfinite, turned)):
             raise ValueError(f"angles is {angles}, give the outer and the inner angle in degrees")
-    names = texts("accept", accept)
-    return _isotherm.verify(table, sample_bytes(samples), window, direction, turned, gravity_local, other_device, names, recording)
+    names, data = texts("accept", accept), sample_bytes(samples)
+    with shown(progress, "verify") as callback:
+        return _isotherm.verify(table, data, window, direction, turned, gravity_local, other_device, names, recording, callback)
 
 
 def regress(
@@ -218,6 +228,23 @@ def regress(
     return document
 
 
+@overload
+def noise(
+    samples: Records | pd.DataFrame,
+    *,
+    interval: None = None,
+    table: Table | None = None,
+    start: float = 0.0,
+    end: float = math.inf,
+    report: AnyPath | None = None,
+    kalibr: AnyPath | None = None,
+    recording: str = "array",
+    progress: Progress = False,
+) -> Noise: ...
+@overload
+def noise(samples: pd.DataFrame, *, interval: float, temperature: Any = None, progress: Progress = False) -> AxesNoise: ...
+@overload
+def noise(samples: npt.ArrayLike, *, interval: float, temperature: npt.ArrayLike | None = None, progress: Progress = False) -> RateNoise: ...
 def noise(
     samples: Records | pd.DataFrame | npt.ArrayLike,
     *,
@@ -229,7 +256,8 @@ def noise(
     report: AnyPath | None = None,
     kalibr: AnyPath | None = None,
     recording: str = "array",
-) -> dict[str, Any]:
+    progress: Progress = False,
+) -> Noise | RateNoise | AxesNoise:
     """The noise of an IMU at rest, as `isotherm noise` shows it: Allan deviation with 95 % intervals, and the coefficients Q, N, B and K.
 
     `samples` are those of a recording, as an array of RAW_SAMPLE or a data frame with its columns. The longest stretch without a gap, a movement
@@ -242,6 +270,9 @@ def noise(
     the unit of the rates. All rates are used: nothing looks for gaps or movement. Rates in two dimensions, such as `frame[["ax", "ay", "az"]]`,
     have a column for each axis. The result has one document for each then, in "sensors", with its name or number in "sensor"; `temperature` is
     one of all axes, or has the same columns.
+
+    The result has names too: `noise(samples)["A1"].N` is an `Estimate` with its interval, or None where the curve does not give it; of rates it is
+    `noise(rates, interval=0.01).N`. `progress` is a function of (done, total), in rows, or True for a bar of tqdm.
 
     Raises RecordingFault if the samples are out of order, and NoiseError with fewer than 1000 rows, and with a fault, such as a specific force at rest that is not gravity.
 
@@ -257,20 +288,19 @@ def noise(
         if table is not None or report is not None or kalibr is not None or (start, end) != (0.0, math.inf):
             raise ValueError("table, start, end, report and kalibr are for samples of a recording, not for rates with an interval")
         return noise_of_axes(samples, interval, temperature)
-    else:
-        if temperature is not None:
-            raise ValueError("temperature is for rates with an interval; samples have their own")
-        if not 0.0 <= start < end:
-            raise ValueError(f"start is {start}, end is {end}: give seconds from 0, the start before the end")
-        if kalibr is not None and table is None:
-            raise ValueError("kalibr needs a table: counts have no unit")
-        text, page, yaml = _isotherm.noise(sample_bytes(samples), table, (start, end), recording)
-        if kalibr is not None and yaml is None:
-            raise NoiseError(f"{recording}: too many rows are missing for a Kalibr file: see the finding missing-rows; leave out kalibr, or record again")
-        write_together([(path, content) for path, content in ((report, page), (kalibr, yaml)) if path is not None and content is not None])
-    document = json.loads(text)
-    assert isinstance(document, dict)
-    return document
+    if temperature is not None:
+        raise ValueError("temperature is for rates with an interval; samples have their own")
+    if not 0.0 <= start < end:
+        raise ValueError(f"start is {start}, end is {end}: give seconds from 0, the start before the end")
+    if kalibr is not None and table is None:
+        raise ValueError("kalibr needs a table: counts have no unit")
+    data = sample_bytes(samples)
+    with shown(progress, "noise") as callback:
+        text, page, yaml, models = _isotherm.noise(data, table, (start, end), recording, callback)
+    if kalibr is not None and yaml is None:
+        raise NoiseError(f"{recording}: too many rows are missing for a Kalibr file: see the finding missing-rows; leave out kalibr, or record again")
+    write_together([(path, content) for path, content in ((report, page), (kalibr, yaml)) if path is not None and content is not None])
+    return Noise(json.loads(text), page, models)
 
 
 class Calibration:
@@ -358,6 +388,49 @@ class Calibration:
         """
         return self._native.dwells()
 
+    def residuals_frame(self) -> pd.DataFrame:
+        """The residuals as a data frame: a row for each sensor and each of `dwells` or `gyroscope_runs`, with their columns.
+
+        `unit` is g0 of accelerometers and arcsec of gyroscopes.
+        """
+        import pandas as pd
+
+        columns = ["set_point_c", "number", "first_row", "last_row", "seconds"]
+        parts = []
+        for names, unit, places, residuals in (
+            (SENSORS[:3], "g0", self.dwells, self.residuals),
+            (SENSORS[3:], "arcsec", self.gyroscope_runs, self.gyroscope_residuals),
+        ):
+            frame = pd.DataFrame(places, columns=columns)
+            for index, name in enumerate(names if places else ()):
+                parts.append(frame.assign(sensor=name, residual=residuals[:, index], unit=unit))
+        whole = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "sensor", "residual", "unit"])
+        return whole[["sensor", *columns, "residual", "unit"]]
+
+    @property
+    def curves(self) -> dict[tuple[str, str], Curve]:
+        """The curves by sensor and quantity, as curves["A1", "bias"], in the units of the table.
+
+        `at` gives the value with its 95 % interval, by the function that draws the report.
+        """
+        return by_name(self._native.curves())
+
+    def html(self) -> str:
+        """The report as HTML."""
+        return self._native.html()
+
+    def _repr_html_(self) -> str:
+        return _isotherm.screen(self.html())
+
+    def plot(self, kind: Literal["curves", "residuals", "dwells"] = "curves", *, axes: Any = None) -> Any:
+        """Draws the curves with their bands and data, what the data are off them, or the residuals of the dwells. Needs matplotlib.
+
+        Returns the axes: an array with a row for each sensor and a column for each quantity, or one for each sensor.
+        """
+        from . import _plot
+
+        return _plot.calibration(self, kind, axes)
+
     @property
     def gyroscope_residuals(self) -> npt.NDArray[np.float64]:
         """Residuals by dwell or turn and gyroscope [arcsec]; one row for each of `gyroscope_runs`."""
@@ -407,6 +480,7 @@ def calibrate_turntable(
     imu: str | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
+    progress: Progress = False,
 ) -> Calibration:
     """Makes a coefficient table from a campaign in the temperature chamber, as `isotherm calibrate turntable` does.
 
@@ -426,7 +500,8 @@ def calibrate_turntable(
     `samples`.
 
     `imu` is the one to calibrate, of a campaign file with several (`imus`). `start` and `end` leave out what is before and after in each
-    recording, as those of `convert`.
+    recording, as those of `convert`. `progress` is a function of (done, total), in bytes of files or rows of an array, of the reading; the fit comes
+    after it. With True a bar of tqdm is drawn.
 
     >>> calibration = isotherm.calibrate_turntable("campaign/campaign.toml", order=3, exclude=[(-25.0, 3)])
     >>> calibration.table.imu, len(calibration.dwells), calibration.residuals.shape
@@ -454,7 +529,8 @@ def calibrate_turntable(
         lag=0.0 if lag == "none" else lag,
         part=part(start, end),
     )
-    return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, False, options))
+    with shown(progress, "calibrate") as callback:
+        return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, False, options, callback))
 
 
 def _pairs(exclude: Iterable[tuple[float, int]]) -> list[tuple[float, int]]:

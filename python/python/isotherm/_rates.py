@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from . import _isotherm
 from ._columns import columns_of
+from ._documents import AxesNoise, RateNoise
 from ._errors import NoiseError
 from ._records import doubles
 
 
-def noise_of_axes(rates: Any, interval: float, temperature: Any) -> dict[str, Any]:
-    """The noise of the rates of one axis; of rates in two dimensions that of each column, in "sensors"."""
+def noise_of_axes(rates: Any, interval: float, temperature: Any) -> RateNoise | AxesNoise:
+    """The noise of the rates of one axis; of rates in two dimensions that of each column."""
     axes = _axes("rates", rates)
     if axes is None:
         return _noise_of("", doubles("rates", rates), interval, None if temperature is None else doubles("temperature", temperature))
@@ -23,26 +24,20 @@ def noise_of_axes(rates: Any, interval: float, temperature: Any) -> dict[str, An
     if heads is not None and len(heads) != len(axes):
         raise ValueError(f"temperature has {len(heads)} columns and rates have {len(axes)}; give one temperature of all, or one for each")
     common = None if temperature is None or heads is not None else doubles("temperature", temperature)
-    sensors = []
-    for index, (name, values) in enumerate(axes):
-        of_axis = _noise_of(f"{name}: ", values, interval, heads[index][1] if heads is not None else common)
-        sensors.append({"sensor": name} | {key: value for key, value in of_axis.items() if key != "sensor"})
-    return {"sensors": sensors}
+    of_axis = [heads[index][1] if heads is not None else common for index in range(len(axes))]
+    return AxesNoise({name: _noise_of(f"{name}: ", values, interval, head) for (name, values), head in zip(axes, of_axis, strict=True)})
 
 
-def _noise_of(
-    place: str, rates: npt.NDArray[np.float64], interval: float, temperature: npt.NDArray[np.float64] | None
-) -> dict[str, Any]:
+def _noise_of(place: str, rates: npt.NDArray[np.float64], interval: float, temperature: npt.NDArray[np.float64] | None) -> RateNoise:
     if temperature is not None and len(temperature) != len(rates):
         raise ValueError("rates and temperature must be of one length")
     try:
-        document = json.loads(_isotherm.noise_of_rates(rates, interval, temperature))
+        document, report, model = _isotherm.noise_of_rates(rates, interval, temperature)
     except NoiseError as error:
         if not place:
             raise
         raise NoiseError(f"{place}{error}") from None
-    assert isinstance(document, dict)
-    return document
+    return RateNoise(json.loads(document), report, model)
 
 
 def _axes(what: str, values: Any) -> list[tuple[str, npt.NDArray[np.float64]]] | None:

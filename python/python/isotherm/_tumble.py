@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from . import _isotherm
 from ._arguments import check
 from ._convert import foreign, part
+from ._documents import Lengths
 from ._isotherm import Table
 from ._offline import Calibration, campaign_text, fit_options, recorded
 from ._paths import AnyPath
+from ._progress import Progress, shown
 from ._records import Records, sample_bytes
 from ._times import Moment
 
@@ -47,6 +49,7 @@ def calibrate_tumble(
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
+    progress: Progress = False,
 ) -> Calibration:
     """Makes a table of recordings of a tumble, as `isotherm calibrate tumble` does.
 
@@ -58,7 +61,7 @@ def calibrate_tumble(
     `window` [s] is that of the search for static poses, 0.5 or 1 s without it. `exclude` lists numbers of static_poses. Where the temperature is
     constant, `temperature_range` states where the table is valid. `latitude` [deg], north positive, with `height` [m] checks the `gravity_local` of a
     mapping, or gives normal gravity where it has none: its 102 ppm (95 %) are then in the intervals of the scale factors. `imu` chooses one of a campaign file with `imus`. `accept` and `strict` are as
-    those of `calibrate_turntable`. Raises CalibrationError with the parameters that the attitudes do not determine.
+    those of `calibrate_turntable`, and so is `progress`. Raises CalibrationError with the parameters that the attitudes do not determine.
 
     >>> facts = {"imu": "imu-x", "gravity_local": 9.81, "gravity_reference": 9.81, "temperature_unit": "degC"}
     >>> calibration = isotherm.calibrate_tumble(facts, "tumble.csv", temperature_range=(0.0, 50.0))
@@ -92,7 +95,8 @@ def calibrate_tumble(
         foreign=foreign(mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         part=part(start, end),
     )
-    return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, True, options))
+    with shown(progress, "calibrate") as callback:
+        return Calibration(_isotherm.calibrate_campaign(text, path, imu, given, True, options, callback))
 
 
 def lengths(
@@ -103,7 +107,9 @@ def lengths(
     gravity_local: float | None = None,
     other_device: bool = False,
     require: str | None = None,
-) -> dict[str, Any]:
+    recording: str = "array",
+    progress: Progress = False,
+) -> Lengths:
     """Compares the length of the output over each static pose with local gravity: the document of `isotherm verify --static-poses --json`.
 
     `gravity_local` [m/s2] is that of the table's provenance unless given. `require` is as that of the command, for example "scale=500ppm"; the document
@@ -118,7 +124,9 @@ def lengths(
     _positive("window", window)
     if gravity_local is not None and not 9.7 <= gravity_local <= 9.9:
         raise ValueError(f"gravity_local is {gravity_local}, give 9.7 to 9.9 m/s2")
-    return _isotherm.lengths(table, sample_bytes(samples), window, gravity_local, other_device, require)
+    data = sample_bytes(samples)
+    with shown(progress, "lengths") as callback:
+        return Lengths(*_isotherm.lengths(table, data, window, gravity_local, other_device, require, recording, callback))
 
 
 def _place(campaign: AnyPath | Mapping[str, Any], latitude: float | None, height: float | None) -> tuple[float, float] | None:

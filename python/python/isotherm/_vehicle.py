@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from html import escape
 from typing import Literal
 
 from . import _isotherm
 from ._isotherm import Exported, Table
 from ._offline import Calibration
 from ._paths import AnyPath, paths
+from ._progress import Progress, shown
 from ._times import Moment
 from ._warm_up import warm_up_options
 
@@ -31,6 +33,10 @@ class Vehicle(dict[int, Calibration]):
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Vehicle) and dict.__eq__(self, other) and vars(self) == vars(other)
+
+    def _repr_html_(self) -> str:
+        refused = (f"<p>IMU {number}: {escape(str(error))}</p>" for number, error in sorted(self.refused.items()))
+        return "".join([*(made._repr_html_() for _, made in sorted(self.items())), *refused])
 
     def export(self, to: Literal["px4", "ardupilot"], *, at: float | None = None, drop: Sequence[str] = ()) -> Exported:
         """The parameters of all IMUs as one file, each as `export_parameters` gives them. What enables all sensors of a kind at once, as PX4's
@@ -58,12 +64,13 @@ def calibrate_vehicle(
     interval: float | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
+    progress: Progress = False,
 ) -> Vehicle:
     """Makes bias curves of all IMUs of an autopilot's logs, as `isotherm calibrate warm-up` does.
 
     `logs` is a ULog or DataFlash log, or several. Of logs with several IMUs the tables are of `imu`-0, `imu`-1 and so on, by the numbers in the
     logs; of logs with one it is of `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others go on. `nominal` are tables by those numbers. All else is as of
-    `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names.
+    `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names. `progress` is as that of `calibrate_turntable`.
 
     >>> vehicle = isotherm.calibrate_vehicle("warm-up.BIN", "imu-c", lag="none")
     >>> [calibration.table.imu for calibration in vehicle.values()], vehicle.refused
@@ -72,4 +79,5 @@ def calibrate_vehicle(
     options = warm_up_options(
         order, lag, at, gravity_reference, beside, accept, strict, other_device, (None, temperature, interval, None, None, None, None, "header", None), (start, end)
     )
-    return Vehicle(imu, _isotherm.calibrate_vehicle(paths(logs), imu, dict(nominal or {}), gravity_reference, options))
+    with shown(progress, "calibrate") as callback:
+        return Vehicle(imu, _isotherm.calibrate_vehicle(paths(logs), imu, dict(nominal or {}), gravity_reference, options, callback))

@@ -12,6 +12,7 @@ from ._convert import foreign, part
 from ._isotherm import Table
 from ._offline import Calibration, fit_options, recorded
 from ._paths import AnyPath
+from ._progress import Progress, shown
 from ._records import Records
 from ._times import Moment
 
@@ -43,6 +44,7 @@ def calibrate_warm_up(
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
+    progress: Progress = False,
 ) -> Calibration:
     """Makes bias curves of recordings at one attitude, as `isotherm calibrate warm-up` does.
 
@@ -56,7 +58,7 @@ def calibrate_warm_up(
     `nominal` is the table that gives everything but the bias curves. Only files of readings need none: their resolution makes it, with 1 g0 =
     `gravity_reference` [m/s2], 9.80665 unless given. `lag` is the time constant [s], or "none"; it is found without it. Accelerometers keep the bias of the nominal table
     at the temperature `at`, mid range unless given. `beside` names autopilots whose cubics are in the document and the report. `accept` and
-    `strict` are as those of `calibrate_turntable`. Raises CalibrationError with what was found.
+    `strict` are as those of `calibrate_turntable`, and so is `progress`. Raises CalibrationError with what was found.
 
     >>> isotherm.calibrate_warm_up("warm-up.BIN", "imu-c", lag="none").table.temperature_unit
     'degC'
@@ -73,7 +75,9 @@ def calibrate_warm_up(
         (mapping, temperature, interval, topic, gyroscope_topic, temperature_topic, gyroscope_file, time, instance),
         (start, end),
     )
-    return Calibration(_isotherm.calibrate_warm_up(recorded(recordings), imu, nominal, gravity_reference, options))
+    given = recorded(recordings)
+    with shown(progress, "calibrate") as callback:
+        return Calibration(_isotherm.calibrate_warm_up(given, imu, nominal, gravity_reference, options, callback))
 
 
 def warm_up_options(

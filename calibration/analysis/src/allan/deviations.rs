@@ -1,6 +1,7 @@
 //! The Allan variances of rates, and the model of them.
 
 use super::model::ModelFit;
+use isotherm_support::checkpoint::checkpoint;
 
 /// Allan variances by averaging factor, and the model of their octaves.
 pub(crate) struct Curve {
@@ -52,6 +53,7 @@ pub(crate) fn variance(phase: &[f64], m: usize, interval_s: f64) -> f64 {
 
 /// The same of a phase that is computed from one that is kept, by index and value.
 pub(super) fn variance_of(phase: &[f64], m: usize, interval_s: f64, value: impl Fn(usize, f64) -> f64) -> f64 {
+    checkpoint();
     let tau = m as f64 * interval_s;
     let (first, middle) = (phase.get(m..).unwrap_or_default(), phase.get(2 * m..).unwrap_or_default());
     let terms = phase.iter().zip(first).zip(middle).enumerate();

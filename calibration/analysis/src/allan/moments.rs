@@ -24,6 +24,7 @@
 //!   which is not 0 at single t, is summed apart.
 
 use core::f64::consts::PI;
+use isotherm_support::checkpoint::checkpoint;
 use nalgebra::{Matrix4, Vector4};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -68,6 +69,9 @@ impl Moments {
         let pairs = |t: f64| pairs(t + m2 - m1, counts) + if t == 0.0 { 0.0 } else { pairs(m2 - m1 - t, counts) };
         let reach = (REACH * (m1 + m2)).min(n as f64);
         for index in 0..=(reach / step) as usize {
+            if index % 1024 == 0 {
+                checkpoint();
+            }
             let t = index as f64 * step;
             let weight = pairs(t);
             if weight > 0.0 {

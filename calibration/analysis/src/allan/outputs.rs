@@ -12,6 +12,7 @@ use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_shared::wire::{AXES, Flags, RawSample, Triad};
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::finding::{Finding, name};
 
 /// The outputs of rows: compensated, or net counts a second.
@@ -92,6 +93,9 @@ impl<'a> Outputs<'a> {
     fn replace_by_rates(&self, rows: &mut Rows, used: Range<usize>) {
         let mut cursor = Cursor::default();
         for row in 0..used.end {
+            if row % 4096 == 0 {
+                checkpoint();
+            }
             let Some(sample) = cursor.next(rows) else { break };
             if row >= used.start {
                 let (rates, _) = self.rates(&sample);

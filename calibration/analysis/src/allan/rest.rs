@@ -10,6 +10,7 @@ use core::ops::Range;
 use isotherm_campaign::{STATIC_POSE_WINDOW_S, StaticPoseError, faults, find_static_poses};
 use isotherm_shared::wire::RawSample;
 use isotherm_statistics::median;
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::finding::Finding;
 
 /// Most rows of a piece.
@@ -52,6 +53,9 @@ impl Rest {
             let range = rows.len() * piece / count..rows.len() * (piece + 1) / count;
             let mut samples = Vec::with_capacity(range.len());
             for row in range.clone() {
+                if row % 4096 == 0 {
+                    checkpoint();
+                }
                 let Some(sample) = cursor.next(rows) else { break };
                 take(row, &sample);
                 samples.push(sample);

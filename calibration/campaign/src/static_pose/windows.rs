@@ -3,6 +3,7 @@
 use crate::net::{net, steps};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_statistics::median;
+use isotherm_support::checkpoint::checkpoint;
 use std::ops::Range;
 
 /// A row that comes later than this many intervals after the row before has a gap before it.
@@ -58,8 +59,10 @@ impl Windows {
         // A window that is longer than the recording is as good as any other that is.
         let most = (rows.len() + 1) as f64;
         let window_rows = ((window_s * 1e9 / interval_ns).round_ties_even().min(most) as usize).max(LEAST_ROWS);
+        checkpoint();
         let steps = steps(rows);
         let all: Vec<Counts> = rows.iter().map(|row| rate(row, interval_ns)).collect();
+        checkpoint();
         let is_glitch = glitches(&all, window_rows, steps);
         let split = |wanted: bool| (0..rows.len()).filter(|row| is_glitch[*row] == wanted).collect::<Vec<_>>();
         let (kept, glitches) = (split(false), split(true));
@@ -111,6 +114,8 @@ impl Windows {
     fn sum(&mut self, floor: Counts) {
         let (n, window_rows, counts) = (self.window_rows as f64, self.window_rows, &self.counts);
         for start in (0..counts.len()).step_by(window_rows) {
+            checkpoint();
+            checkpoint();
             let near = counts[start];
             let off = |row: usize| [0, 1, 2].map(|axis| counts[row][axis] - near[axis]);
             let (mut sum, mut squares) = ([0.0; AXES], [0.0; AXES]);

@@ -6,9 +6,8 @@ use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
-use isotherm_statistics::QUANTITIES;
-use isotherm_statistics::SlopeError;
-use nalgebra::{DMatrix, Matrix3};
+use isotherm_statistics::{Curve, QUANTITIES, SlopeError};
+use nalgebra::{DMatrix, DVector, Matrix3};
 use toml::{Table, Value};
 
 /// Degrees of freedom that can be: of a fit of two set points, to more than a campaign can have.
@@ -98,6 +97,38 @@ impl TableFile {
         let kinds = [SensorKind::Accelerometer, SensorKind::Gyroscope];
         let places = kinds.into_iter().flat_map(|kind| (0..AXES).map(move |axis| (kind, axis)));
         places.zip(content.axes.iter().chain(gyroscopes)).map(|((kind, index), axis)| (kind, index, axis))
+    }
+
+    /// The text of a sealed file of the table: `text`, its own, if that has a digest; else one with the same provenance.
+    #[must_use]
+    pub fn sealed(&self, text: &str) -> String {
+        let mut file = text.parse::<Table>().unwrap_or_default();
+        if file.contains_key("digest") {
+            return text.to_owned();
+        }
+        file.retain(|key, _| key == "provenance");
+        let provenance = toml::to_string(&file).unwrap_or_default();
+        let gap = if provenance.is_empty() { "" } else { "\n" };
+        format!("{}{gap}{provenance}", self.table.to_toml())
+    }
+
+    /// The curve of a quantity of a sensor, A1 to G3, with the errors that the provenance has, and its unit in the table.
+    /// `None` if the table has no such sensor or quantity.
+    #[must_use]
+    pub fn curve(&self, sensor: usize, quantity: usize) -> Option<(Curve, &'static str)> {
+        let (kind, _, axis) = self.sensors().nth(sensor).filter(|_| quantity < QUANTITIES.len())?;
+        let (polynomial, unit) = quantity_of(axis, kind, quantity);
+        let errors = self.origin.curves[sensor][quantity].as_ref();
+        let range = polynomial.range();
+        let curve = Curve::new(
+            [polynomial.center(), polynomial.scale()],
+            DVector::from_column_slice(polynomial.coefficients()),
+            errors.map(|errors| errors.covariance.clone()),
+            errors.map_or(0.0, |errors| errors.freedom),
+            range,
+        );
+        let measured = errors.and_then(|errors| errors.measured).unwrap_or(range);
+        Some((curve.known(measured, errors.and_then(|errors| errors.slope)), unit))
     }
 
     /// Whether the table has gyroscopes.

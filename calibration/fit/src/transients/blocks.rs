@@ -13,6 +13,7 @@ use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Sweep, mean, sweeps};
+use isotherm_support::checkpoint::checkpoint;
 
 /// Most blocks of a recording.
 const BLOCKS: usize = 400;
@@ -231,6 +232,7 @@ impl Ramps {
 
     /// The row of every block of one bias: its columns with the time constant, and its value.
     pub(super) fn rows(&self, bias: &Bias, tau_s: f64) -> Vec<Vec<f64>> {
+        checkpoint();
         let count = self.columns(Column::Time).end;
         let differences = self.differences(bias, tau_s);
         let row = |(i, block): (usize, &Block)| {
@@ -255,6 +257,7 @@ impl Ramps {
     pub(super) fn equations(&self, rows: &[Vec<f64>]) -> Vec<Vec<NormalEquations>> {
         let count = self.columns(Column::Time).end;
         let piece = |piece: &Range<usize>| {
+            checkpoint();
             let mut equations = NormalEquations::new(count);
             let inside = piece.clone().filter(|block| self.blocks[*block].is_fitted());
             inside.for_each(|block| equations.add(&rows[block]));

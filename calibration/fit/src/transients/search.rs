@@ -2,6 +2,7 @@
 
 use super::blocks::{Column, Ramps};
 use super::equations::NormalEquations;
+use isotherm_support::checkpoint::checkpoint;
 
 /// Time constants of the search in a factor of 2.
 const PER_OCTAVE: f64 = 6.0;
@@ -72,6 +73,7 @@ impl<'a> Grid<'a> {
     fn minimum(&self, used: &[usize], without: impl Fn(usize, usize) -> NormalEquations) -> Minimum {
         let n = self.ramps.inside() as f64;
         let objective = |tau: usize| {
+            checkpoint();
             let of = |bias: usize| {
                 let squares = self.totals[tau][bias].clone().minus(&without(tau, bias)).solve(used).squares;
                 n * (squares / n).max(f64::MIN_POSITIVE).ln()

@@ -11,6 +11,7 @@ use super::reading::Reading;
 use isotherm_campaign::joint_range;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, LeastSquares, least_squares};
+use isotherm_support::checkpoint::checkpoint;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Most steps of the fit; ten are usual.
@@ -380,6 +381,7 @@ impl<'a> GravityModel<'a> {
         let mut now = self.at(start);
         let mut damping = 1e-3;
         for _ in 0..MAX_STEPS {
+            checkpoint();
             let LeastSquares { change, .. } = damped(&now, damping)?;
             let next = self.at(&now.unknown + &change);
             let size = change.amax();

@@ -10,6 +10,7 @@ use core::ops::Range;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::units::SensorKind;
 use isotherm_statistics::{least_squares, median};
+use isotherm_support::checkpoint::checkpoint;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 
@@ -154,6 +155,7 @@ impl Series {
 
     /// The curve of this order through means of bins.
     fn fit_to(&self, means: &[(i64, Mean)], order: usize, weight: Weight) -> Option<Shape> {
+        checkpoint();
         let mut in_bin: BTreeMap<i64, f64> = BTreeMap::new();
         means.iter().for_each(|(index, mean)| *in_bin.entry(*index).or_default() += mean.count);
         if in_bin.len() < BINS_PER_COEFFICIENT * (order + 1) {

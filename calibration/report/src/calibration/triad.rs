@@ -227,7 +227,7 @@ impl Budget {
 }
 
 /// Temperature of a quantity at each set point, and its value less `from` times `factor`.
-fn points<'a>(
+pub(super) fn points<'a>(
     triad: &'a CalibratedTriad<'_>,
     axis: usize,
     quantity: usize,
@@ -240,7 +240,7 @@ fn points<'a>(
 }
 
 /// Half length of the error bar of each set point's own value, in the unit of the fit; NaN without degrees of freedom.
-fn errors(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> Vec<f64> {
+pub(super) fn errors(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> Vec<f64> {
     let parts = triad.set_points.iter().map(|(_, parts)| &parts[axis]);
     parts.map(|part| half_length(part.standard_errors[quantity], part.freedom)).collect()
 }

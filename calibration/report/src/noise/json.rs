@@ -17,16 +17,18 @@ pub fn document(analysis: &NoiseAnalysis) -> Value {
     value(&NoiseView::of(analysis))
 }
 
+/// The units of rates whose unit is not known.
+pub(super) const RATES: NoiseUnits = NoiseUnits {
+    rate: "unit",
+    coefficients: [("unit s", 1.0), ("unit/sqrt(Hz)", 1.0), ("unit", 1.0), ("unit/(s sqrt(Hz))", 1.0)],
+    density: "unit/sqrt(Hz)",
+    names: ["quantisation noise", "white noise", "bias instability", "random walk of the rate"],
+};
+
 /// The noise of rates whose unit is not known, which is called "unit", beside their line in temperature.
 #[must_use]
 pub fn rates(allan: &Allan, line: Option<&TemperatureLine>) -> Value {
-    let units = NoiseUnits {
-        rate: "unit",
-        coefficients: [("unit s", 1.0), ("unit/sqrt(Hz)", 1.0), ("unit", 1.0), ("unit/(s sqrt(Hz))", 1.0)],
-        density: "unit/sqrt(Hz)",
-        names: ["quantisation noise", "white noise", "bias instability", "random walk of the rate"],
-    };
-    value(&RatesView::of(allan, line, &units))
+    value(&RatesView::of(allan, line, &RATES))
 }
 
 view! { NoiseView<'a>(analysis: &'a NoiseAnalysis) {
