@@ -145,6 +145,7 @@ impl Comparison {
         Ok(screen(&self.html(None)?))
     }
 
+    /// Draws the difference of each curve, new less old, with its band. Needs matplotlib; returns the axes.
     #[pyo3(signature = (**options))]
     fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
         python(slf.py(), "_plot", "comparison")?.call((slf,), options)
@@ -205,6 +206,7 @@ impl Batch {
         batch_report::html(Ok(&self.0), &source)
     }
 
+    /// Writes the report (HTML).
     fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         python(py, "_files", "write_text")?.call1((path, self.html())).map(drop)
     }
@@ -213,6 +215,7 @@ impl Batch {
         screen(&self.html())
     }
 
+    /// Draws how far each device is from the others, by quantity. Needs matplotlib; returns the axes.
     #[pyo3(signature = (**options))]
     fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
         python(slf.py(), "_plot", "batch")?.call((slf,), options)

@@ -5,11 +5,13 @@ use crate::errors::{RecordingFault, faults, file, in_python};
 use crate::files::{unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, raw_bytes};
 use crate::table::Table;
+use crate::work::Work;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings, TimeSource};
 use isotherm_recording_formats::read::{Part, RecordingTime};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::wire::StreamSample;
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::failure::{Exit, Failure};
 use numpy::PyArray1;
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -92,12 +94,13 @@ pub(crate) fn convert(
         };
         let (mut rows, mut bytes) = (part.of_conversion(conversion), Vec::new());
         for sample in &mut rows {
+            checkpoint();
             bytes.extend_from_slice(&raw_bytes(&sample?));
         }
         let found = rows.conversion().findings();
         Ok((bytes, found.iter().map(|finding| format!("[{}]: {finding}", finding.name)).collect()))
     };
-    let (bytes, findings) = py.detach(read).map_err(|failure| exception(failure, named))?;
+    let (bytes, findings) = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, named))?;
     Ok((array(py, bytes), findings))
 }
 
@@ -138,6 +141,7 @@ pub(crate) fn write_ros(
             let mut write = |recorded_ns, sample| writer.write(&RecordedRow { imu: 0, recorded_ns, sample });
             let mut raw = samples.chunks_exact(RAW).map(|record| Fields(record).raw());
             for record in increments.chunks_exact(INCREMENT) {
+                checkpoint();
                 let increment = Fields(record).increment();
                 if let Some(raw) = raw.next() {
                     write(raw.timestamp_ns, StreamSample::Raw(raw))?;
@@ -147,7 +151,7 @@ pub(crate) fn write_ros(
             writer.finish().map(drop)
         })
     };
-    py.detach(write).map_err(|error| match error.kind() {
+    Work::new(None).run(py, write)?.map_err(|error| match error.kind() {
         io::ErrorKind::InvalidData => PyValueError::new_err(error.to_string()),
         _ => unwritten(&path, &error),
     })

@@ -379,6 +379,7 @@ impl Stability {
         Ok(screen(&self.html(None)?))
     }
 
+    /// Draws the errors before and after compensation over time, for each axis. Needs matplotlib; returns the axes.
     #[pyo3(signature = (**options))]
     fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
         python(slf.py(), "_plot", "stability")?.call((slf,), options)

@@ -5,12 +5,14 @@ use crate::convert::{PartOptions, exception, part_of};
 use crate::errors::{RecordingFault, file};
 use crate::files::{resolved, unwritten, write_file};
 use crate::records::{Fields, INCREMENT, RAW, Values, array, increment_bytes, raw_bytes};
+use crate::work::Work;
 use isotherm_files::{source, sources};
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout, Layout, Observer, Progress, RawCsvWriter};
 use isotherm_recording_formats::read::{ImuChoice, Input, RowOrder, Samples};
 use isotherm_recording_formats::write::{Format, RowWriter};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{CompensatedIncrement, StreamSample};
+use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::failure::Failure;
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
@@ -72,11 +74,12 @@ pub(crate) fn read_recording<'py>(
     let read = move || -> Result<Vec<u8>, Failure> {
         let mut bytes = Vec::new();
         for sample in Samples::open(&sources(&paths)?, input, &Progress::new(progress))? {
+            checkpoint();
             bytes.extend_from_slice(&raw_bytes(&sample?));
         }
         Ok(bytes)
     };
-    let bytes = py.detach(read).map_err(|failure| exception(failure, None))?;
+    let bytes = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
     Ok((array(py, bytes), warnings.take()))
 }
 
@@ -95,11 +98,14 @@ pub(crate) fn read_increments<'py>(
     let progress = warnings.clone();
     let read = move || -> Result<Vec<u8>, Failure> {
         let mut bytes = Vec::new();
-        let take = |increment: CompensatedIncrement| bytes.extend_from_slice(&increment_bytes(&increment));
+        let take = |increment: CompensatedIncrement| {
+            checkpoint();
+            bytes.extend_from_slice(&increment_bytes(&increment));
+        };
         isotherm_recording_formats::read::read_increments(&source(path), &choice, &Progress::new(progress), take)?;
         Ok(bytes)
     };
-    let bytes = py.detach(read).map_err(|failure| exception(failure, None))?;
+    let bytes = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
     Ok((array(py, bytes), warnings.take()))
 }
 
@@ -111,6 +117,7 @@ fn choice_of(imu: Option<&str>) -> PyResult<ImuChoice> {
 #[pyfunction]
 pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>, imu: &str) -> PyResult<()> {
     let (format, imu) = (Format::named(&path).map_err(PyValueError::new_err)?, imu_id(imu)?);
+    let work = Work::new(None);
     let write = || -> io::Result<()> {
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
         let telemetry = all().any(|raw| raw.telemetry_ns != 0);
@@ -124,11 +131,11 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>
                 Format::Parquet => RowWriter::parquet(sink, &imu, StreamKind::Raw, layout)?,
                 Format::Mcap | Format::Ros => RowWriter::mcap(sink, &imu, StreamKind::Raw, layout)?,
             };
-            all().try_for_each(|raw| writer.write(StreamSample::Raw(raw)))?;
+            work.rows(0, all()).try_for_each(|raw| writer.write(StreamSample::Raw(raw)))?;
             writer.finish().map(drop)
         })
     };
-    py.detach(write).map_err(|error| unwritten(&path, &error))
+    work.run(py, write)?.map_err(|error| unwritten(&path, &error))
 }
 
 /// Writes increments of `imu` in the format that the name of the file says: as text as `replay` does, or with
@@ -142,6 +149,7 @@ pub(crate) fn write_increments(
     imu: &str,
 ) -> PyResult<()> {
     let (format, imu) = (Format::named(&path).map_err(PyValueError::new_err)?, imu_id(imu)?);
+    let work = Work::new(None);
     let write = || -> io::Result<()> {
         let all = || increments.chunks_exact(INCREMENT).map(|record| Fields(record).increment());
         let gyroscopes = all().any(|increment| Layout::of(&StreamSample::Increment(increment)).gyroscopes);
@@ -152,9 +160,9 @@ pub(crate) fn write_increments(
                 Format::Parquet => RowWriter::parquet(sink, &imu, StreamKind::Increment, layout)?,
                 Format::Mcap | Format::Ros => RowWriter::mcap(sink, &imu, StreamKind::Increment, layout)?,
             };
-            all().try_for_each(|increment| writer.write(StreamSample::Increment(increment)))?;
+            work.rows(0, all()).try_for_each(|increment| writer.write(StreamSample::Increment(increment)))?;
             writer.finish().map(drop)
         })
     };
-    py.detach(write).map_err(|error| unwritten(&path, &error))
+    work.run(py, write)?.map_err(|error| unwritten(&path, &error))
 }

@@ -1,6 +1,6 @@
 //! The Python classes `Table`, `Axis` and `Polynomial`.
 
-use crate::curves::{Curve, of_table};
+use crate::curves::of_table;
 use crate::errors::{TableError, faults, file};
 use crate::records::{Values, screen};
 use crate::value::{Reduced, Value, reduced};
@@ -217,20 +217,19 @@ impl Table {
         self.0.content().gyroscopes.as_ref()?.alignment.as_ref().map(rows)
     }
 
+    /// Writes the table file, sealed by its digest, with the provenance of the text that it was read from.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         crate::records::python(py, "_files", "write_text")?.call1((path, self.file()?.sealed(self.text()))).map(drop)
     }
 
-    fn curve_list(&self) -> PyResult<Vec<Curve>> {
-        Ok(of_table(&self.file()?))
-    }
-
+    /// The curves by sensor and quantity, as curves["A1", "bias"], with the errors that the provenance has.
     #[getter]
     fn curves<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        let curves = slf.get().curve_list()?;
+        let curves = of_table(&slf.get().file()?);
         crate::records::python(slf.py(), "_curves", "by_name")?.call1((curves,))
     }
 
+    /// The table as a page of HTML, with its curves.
     fn html(&self) -> PyResult<String> {
         Ok(isotherm_report::table::html(&self.file()?))
     }
@@ -239,6 +238,7 @@ impl Table {
         Ok(screen(&self.html()?))
     }
 
+    /// Draws the curves with their bands: a row of axes for each sensor. Needs matplotlib; returns the axes.
     #[pyo3(signature = (**options))]
     fn plot<'py>(slf: &Bound<'py, Self>, options: Option<&Bound<'py, PyDict>>) -> PyResult<Bound<'py, PyAny>> {
         crate::records::python(slf.py(), "_plot", "table")?.call((slf,), options)

@@ -19,7 +19,7 @@ from ._isotherm import Table
 from ._columns import columns_of, is_arrow, is_frame
 from ._paths import AnyPath
 from ._records import INCREMENT, RAW_SAMPLE, Records, as_bytes, rows_of, sample_bytes
-from ._times import Moment, moment_text, ns_of, whole_ns
+from ._times import Moment, is_time, moment_text, ns_of, whole_ns
 from ._toml import toml_value
 
 if TYPE_CHECKING:
@@ -96,7 +96,9 @@ def known(
         text = ("mapping", mapping_toml(mapping))
     elif mapping is not None:
         text = (mapping, _isotherm.read_text(mapping))
-    check(temperature=temperature, interval=interval)
+    check(temperature=temperature)
+    if not is_time(interval):
+        check(interval=interval)
     if temperature is not None and not np.isfinite(temperature):
         raise ValueError(f"temperature is {temperature}, give a finite number")
     if interval is None:

@@ -22,12 +22,16 @@ class Estimate:
     """A value with its 95 % interval.
 
     `interval` is None where it is not known. `below` is the end of the range if that includes 0: then only this is known of the size.
+
+    >>> found = isotherm.calibrate_turntable("campaign/campaign.toml").curves["A1", "bias"].at(2.5)
+    >>> found.unit, float(found) == found.value
+    ('ug0', True)
     """
 
     value: float
     interval: tuple[float, float] | None
     unit: str
-    below: float | None = None
+    below: float | None
 
     def __float__(self) -> float:
         return self.value
@@ -41,7 +45,12 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Values with their 95 % intervals, as arrays. The ends are NaN where they are not known."""
+    """Values with their 95 % intervals, as arrays. The ends are NaN where they are not known.
+
+    >>> found = isotherm.calibrate_turntable("campaign/campaign.toml").curves["A1", "bias"].at(np.array([2.0, 3.0]))
+    >>> bool((found.low < found.value).all()), found.high.shape
+    (True, (2,))
+    """
 
     value: Doubles
     low: Doubles
@@ -50,10 +59,22 @@ class Estimates:
 
 
 class Curve:
-    """One curve: bias, positive or negative scale factor of a sensor over head or board temperature."""
+    """One curve: bias, positive or negative scale factor of a sensor over head or board temperature.
+
+    >>> curve = isotherm.calibrate_turntable("campaign/campaign.toml").curves["A1", "bias"]
+    >>> found = curve.at(2.5)
+    >>> curve.unit, found.interval[0] < found.value < found.interval[1]
+    ('ug0', True)
+    """
 
     def __init__(self, native: _isotherm.Curve) -> None:
         self._native = native
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Curve) and self._native == other._native
+
+    def __hash__(self) -> int:
+        return hash(self._native)
 
     @property
     def sensor(self) -> str:
@@ -118,7 +139,7 @@ class Curve:
         if shape:
             return Estimates(value, value - half, value + half, self.unit)
         interval = None if np.isnan(half) else (float(value - half), float(value + half))
-        return Estimate(float(value), interval, self.unit)
+        return Estimate(float(value), interval, self.unit, None)
 
     def __repr__(self) -> str:
         low, high = self.range

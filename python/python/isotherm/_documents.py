@@ -37,7 +37,13 @@ class Document(dict[str, Any]):
 
 
 class Lengths(Document):
-    """The lengths of gravity over static poses: the document of `isotherm verify --static-poses --json`."""
+    """The lengths of gravity over static poses: the document of `isotherm verify --static-poses --json`.
+
+    >>> facts = {"imu": "imu-x", "gravity_local": 9.81, "gravity_reference": 9.81, "temperature_unit": "degC"}
+    >>> table = isotherm.calibrate_tumble(facts, "tumble.csv", temperature_range=(0.0, 50.0)).table
+    >>> len(isotherm.lengths(table, isotherm.read_recording("tumble.csv"), gravity_local=9.81)["static_pose"])
+    40
+    """
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Draws the error of each static pose with its interval. Needs matplotlib."""
@@ -47,7 +53,12 @@ class Lengths(Document):
 
 
 class SensorNoise:
-    """The noise of one sensor: the part of the document, and its coefficients with their 95 % intervals."""
+    """The noise of one sensor: the part of the document, and its coefficients with their 95 % intervals.
+
+    >>> found = isotherm.noise(isotherm.read_recording("still.csv"))["A1"]
+    >>> found.document["axis"]
+    'A1'
+    """
 
     def __init__(self, document: dict[str, Any], model: list[float]) -> None:
         self.document = document
@@ -87,7 +98,12 @@ class SensorNoise:
 
 
 class Noise(Document):
-    """The noise of a recording: the document of `isotherm noise --json`. `noise["A1"]` is the noise of a sensor, as `noise["A1"].N`."""
+    """The noise of a recording: the document of `isotherm noise --json`. `noise["A1"]` is the noise of a sensor, as `noise["A1"].N`.
+
+    >>> found = isotherm.noise(isotherm.read_recording("still.csv"))
+    >>> list(found.by_sensor)
+    ['A1', 'A2', 'A3']
+    """
 
     def __init__(self, document: dict[str, Any], html: str, models: list[list[float]]) -> None:
         super().__init__(document, html)
@@ -112,7 +128,13 @@ class Noise(Document):
 
 
 class RateNoise(Document, SensorNoise):
-    """The noise of rates at one interval, in their unit: what the document of a recording has for a sensor, with `N` and the others."""
+    """The noise of rates at one interval, in their unit: what the document of a recording has for a sensor, with `N` and the others.
+
+    >>> found = isotherm.noise(np.random.default_rng(1).normal(size=2000), interval=0.01)
+    >>> low, high = found.N.interval
+    >>> low < 0.1 < high
+    True
+    """
 
     def __init__(self, document: dict[str, Any], html: str, model: list[float]) -> None:
         Document.__init__(self, document, html)
@@ -132,7 +154,12 @@ class RateNoise(Document, SensorNoise):
 
 
 class AxesNoise(dict[str, Any]):
-    """The noise of rates in columns: one document for each in "sensors". `found["ax"]` is the `RateNoise` of a column, as `found["ax"].N`."""
+    """The noise of rates in columns: one document for each in "sensors". `found["ax"]` is the `RateNoise` of a column, as `found["ax"].N`.
+
+    >>> found = isotherm.noise(np.random.default_rng(1).normal(size=(2000, 3)), interval=0.01)
+    >>> list(found.by_sensor), found["2"].N.unit
+    (['0', '1', '2'], 'unit/sqrt(Hz)')
+    """
 
     def __init__(self, by_sensor: dict[str, RateNoise]) -> None:
         super().__init__(sensors=[{"sensor": name} | {key: value for key, value in one.items() if key != "sensor"} for name, one in by_sensor.items()])

@@ -35,6 +35,11 @@ def to_frame(array: Records, *, epoch: datetime | np.datetime64 | str | None = N
     hexadecimal digits, `flags` and `delivery` as names joined by |, and as one number in `flag_bits`, which counts for the way back. `from_frame` gives the same array, bit for bit.
 
     Raises ImportError without pandas, and ValueError for times that an index cannot have, from 2^63 ns on; `to_arrow` has no index.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> frame = isotherm.to_frame(samples)
+    >>> len(frame) == len(samples), frame.index.name
+    (True, 'time')
     """
     try:
         import pandas as pd
@@ -63,6 +68,10 @@ def from_frame(frame: pd.DataFrame, dtype: np.dtype[np.void] | None = None) -> R
 
     They are INCREMENT if there are increments, CAMPAIGN if there are set points, else RAW_SAMPLE, unless `dtype` is given. Columns that are optional in
     recordings may be missing. Raises ValueError or TypeError, with the column and the row, counted from 0, where a value does not fit.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> isotherm.from_frame(isotherm.to_frame(samples)).tobytes() == samples.tobytes()
+    True
     """
     if not is_frame(frame):
         raise TypeError(f"give a data frame of pandas, not {type(frame).__name__}; from_arrow takes tables of Arrow and polars")
@@ -74,6 +83,10 @@ def to_arrow(array: Records) -> _pa.Table:
 
     polars, DuckDB and others take it: `polars.from_arrow(isotherm.to_arrow(array))`. `from_arrow` gives the same array, bit for bit. Raises
     ImportError without pyarrow.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> isotherm.to_arrow(samples).num_rows == len(samples)
+    True
     """
     try:
         import pyarrow as pa
@@ -90,6 +103,10 @@ def from_arrow(table: Any, dtype: np.dtype[np.void] | None = None) -> Records:
     """The records of a table of Arrow, or of any object that has the Arrow stream of a table (`__arrow_c_stream__`), such as a data frame of polars.
 
     Columns and `dtype` are as those of `from_frame`. Raises ImportError without pyarrow.
+
+    >>> samples = isotherm.read_recording("run.csv")
+    >>> isotherm.from_arrow(isotherm.to_arrow(samples)).tobytes() == samples.tobytes()
+    True
     """
     if not hasattr(table, "__arrow_c_stream__"):
         raise TypeError(f"give a table of Arrow, or an object with __arrow_c_stream__, not {type(table).__name__}")

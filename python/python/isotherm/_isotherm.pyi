@@ -588,9 +588,8 @@ class Table:
     @property
     def curves(self) -> dict[tuple[str, str], PublicCurve]:
         """The curves by sensor and quantity, as curves["A1", "bias"], with the errors that the provenance has."""
-    def curve_list(self) -> list[Curve]: ...
     def html(self) -> str:
-        """A page with what the table says, and its curves."""
+        """The table as a page of HTML, with its curves."""
     def _repr_html_(self) -> str: ...
     def plot(self, *, axes: Any = None) -> Any:
         """Draws the curves with their bands: a row of axes for each sensor. Needs matplotlib; returns the axes."""
