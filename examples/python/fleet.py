@@ -67,7 +67,7 @@ def main() -> int:
     # Tables are named after their IMUs, so an IMU has one campaign.
     rows: list[dict[str, Any]] = []
     campaigns: list[str] = []
-    first: dict[str, str] = {}
+    first: dict[str, Any] = {}
     for name in options.campaigns:
         if twice := [imu for imu in imus(name) if imu in first]:
             message = f"{first[twice[0]]} is a campaign of {twice[0]} too; give one, or the other in a run of its own"

@@ -49,7 +49,7 @@ pub struct Calibration {
     in_words: String,
     accuracy: String,
     gyroscope_accuracy: Option<String>,
-    /// The document of `isotherm calibrate --json`.
+    /// The document of `isotherm calibrate turntable --json`.
     summary: String,
     /// The order tables by sensor and quantity, as JSON: A1, A2, A3, then the gyroscopes if there are any.
     orders: String,

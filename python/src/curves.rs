@@ -169,8 +169,8 @@ impl Curve {
         self.points.clone()
     }
 
-    /// The values at these temperatures, and the half widths of their 95 % intervals, NaN where they are not known: at each
-    /// by itself, or of the band that holds for the whole curve.
+    /// The values at these temperatures, and the half widths of their 95 % intervals, NaN where they are not known: at
+    /// each by itself, or of the band that holds for the whole curve.
     fn evaluate<'py>(
         &self,
         py: Python<'py>,

@@ -57,8 +57,8 @@ pub(crate) fn replay<'py>(
     Ok(out)
 }
 
-/// What the commands refuse or warn of: rows out of order, intervals that are not the time from row to row, lost time, missing rows, scale factors
-/// of another interval.
+/// What the commands refuse or warn of: rows out of order, intervals that are not the time from row to row, lost time,
+/// missing rows, scale factors of another interval.
 #[pyfunction]
 pub(crate) fn time_warnings(py: Python<'_>, table: &Table, samples: Values<u8>) -> PyResult<Vec<String>> {
     let rows = samples.chunks_exact(RAW).map(|record| Period::from(&Fields(record).raw()));

@@ -120,14 +120,14 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>
     let work = Work::new(None);
     let write = || -> io::Result<()> {
         let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
-        let telemetry = all().any(|raw| raw.telemetry_ns != 0);
+        let has_temperature = all().any(|raw| raw.telemetry_ns != 0);
         let layout = all().fold(Layout::default(), |layout, raw| layout.with(Layout::of(&StreamSample::Raw(raw))));
         write_file(&path, |sink| {
             let mut writer = match format {
                 Format::Csv if all().any(|raw| raw.session != 0) => {
-                    RawCsvWriter::of_sessions(sink, telemetry, layout)?.into()
+                    RawCsvWriter::of_sessions(sink, has_temperature, layout)?.into()
                 }
-                Format::Csv => RawCsvWriter::with_layout(sink, "", telemetry, layout)?.into(),
+                Format::Csv => RawCsvWriter::with_layout(sink, "", has_temperature, layout)?.into(),
                 Format::Parquet => RowWriter::parquet(sink, &imu, StreamKind::Raw, layout)?,
                 Format::Mcap | Format::Ros => RowWriter::mcap(sink, &imu, StreamKind::Raw, layout)?,
             };

@@ -210,7 +210,8 @@ impl<W: Write> RawCsvWriter<W> {
         Self::with_columns(sink, leading, columns(telemetry_ns, layout))
     }
 
-    /// Writes the header row of samples with their session, which comes first; with `telemetry_ns` as [`new`](Self::new).
+    /// Writes the header row of samples with their session, which comes first; with `telemetry_ns` as
+    /// [`new`](Self::new).
     ///
     /// # Errors
     /// Those of the sink.

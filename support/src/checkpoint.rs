@@ -1,7 +1,7 @@
 //! Checkpoints of long computations: there the caller sees how far they are, and may end them.
 //!
-//! A computation calls [`checkpoint`] in its long loops. Who runs it by [`watched`] is called there, and may say that the
-//! work ends: it then unwinds from the checkpoint, as after a panic but without one, so that all that it holds is
+//! A computation calls [`checkpoint`] in its long loops. Who runs it by [`watched`] is called there, and may say that
+//! the work ends: it then unwinds from the checkpoint, as after a panic but without one, so that all that it holds is
 //! released and files that are not complete are removed. Where nobody watches, a checkpoint does nothing.
 //!
 //! ```
@@ -32,15 +32,15 @@ thread_local! {
 
 /// The work was ended at a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stopped;
+pub struct Stop;
 
-impl fmt::Display for Stopped {
+impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("stopped")
     }
 }
 
-impl std::error::Error for Stopped {}
+impl std::error::Error for Stop {}
 
 /// Tells whether the work may go on, and ends it if not. It costs nanoseconds where nobody watches.
 pub fn checkpoint() {
@@ -52,7 +52,7 @@ pub fn checkpoint() {
     if let Some(watch) = watch
         && !watch()
     {
-        resume_unwind(Box::new(Stopped));
+        resume_unwind(Box::new(Stop));
     }
 }
 
@@ -60,12 +60,12 @@ pub fn checkpoint() {
 ///
 /// # Errors
 /// If it does not. A panic of the work goes on as such.
-pub fn watched<T>(watch: impl Fn() -> bool + 'static, work: impl FnOnce() -> T) -> Result<T, Stopped> {
+pub fn watched<T>(watch: impl Fn() -> bool + 'static, work: impl FnOnce() -> T) -> Result<T, Stop> {
     let before = WATCH.with(|place| place.replace(Some(Rc::new(watch))));
     // Nothing of the work is seen again after it has ended.
     let done = catch_unwind(AssertUnwindSafe(work));
     WATCH.with(|place| place.replace(before));
-    done.or_else(|cause: Box<dyn Any + Send>| if cause.is::<Stopped>() { Err(Stopped) } else { resume_unwind(cause) })
+    done.or_else(|cause: Box<dyn Any + Send>| if cause.is::<Stop>() { Err(Stop) } else { resume_unwind(cause) })
 }
 
 #[cfg(test)]
@@ -84,7 +84,7 @@ mod tests {
                 7
             },
         );
-        assert_eq!(stopped, Err(Stopped));
+        assert_eq!(stopped, Err(Stop));
         assert_eq!(Rc::strong_count(&held), 1);
         // Nobody watches any more.
         checkpoint();
@@ -102,7 +102,7 @@ mod tests {
             let _reader = Reader;
             checkpoint();
         };
-        assert_eq!(watched(|| false, work), Err(Stopped));
+        assert_eq!(watched(|| false, work), Err(Stop));
     }
 
     #[test]
@@ -110,7 +110,7 @@ mod tests {
         let outer = watched(
             || true,
             || {
-                assert_eq!(watched(|| false, checkpoint), Err(Stopped));
+                assert_eq!(watched(|| false, checkpoint), Err(Stop));
                 checkpoint();
             },
         );

@@ -51,7 +51,8 @@ pub fn html(
     page.finish()
 }
 
-/// The set points of a curve as the page draws them: temperature, value, and half length of the error bar, NaN where it is
+/// The set points of a curve as the page draws them: temperature, value, and half length of the error bar, NaN where it
+/// is
 /// not known; in the unit of the fit.
 #[must_use]
 pub fn set_points(triad: &CalibratedTriad<'_>, axis: usize, quantity: usize) -> Vec<[f64; 3]> {

@@ -110,8 +110,8 @@ pub fn first_screen(document: &str) -> String {
     }
 }
 
-/// A document as a part of another page, as a notebook shows it: in a frame of its own, so that neither style changes the
-/// other, and without any right.
+/// A document as a part of another page, as a notebook shows it: in a frame of its own, so that neither style changes
+/// the other, and without any right.
 #[must_use]
 pub fn framed(document: &str) -> String {
     let frame = html! {

@@ -349,7 +349,7 @@ class Calibration:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The figures: the document of `isotherm calibrate --json`. Keys have their unit at the end; what is not known is None.
+        """The figures: the document of `isotherm calibrate turntable --json`. Keys have their unit at the end; what is not known is None.
 
         By axis `bias_interval_g0`, `scale_factor_interval_ppm`: the largest 95 % half widths at one temperature (pointwise);
         `bias_band_g0`, `scale_factor_band_ppm`: those that hold for a whole curve at once; `misalignment_rad` with its 95 % half

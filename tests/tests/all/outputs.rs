@@ -14,13 +14,17 @@ use std::path::{Path, PathBuf};
 const NOBODY: u32 = 65_534;
 /// The log of an IMU that warms up.
 const HEATING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
-/// The recording of a tumble at one temperature.
-const TUMBLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/any_lab/xsens/recording.csv");
+/// The recordings of tumbles of several devices at one temperature.
+const TUMBLE_RECORDINGS: &str =
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration/fit/tests/data/any_lab/five_mpu9150");
 /// A campaign file of tumbles, without its IMUs and recordings.
-const TUMBLES: &str = "format = 1\nmethod = \"gravity-only\"\ntemperature_range = [0, 50]\ngravity_reference = 9.81\n\
+const TUMBLES: &str = "format = 1\nmethod = \"gravity-only\"\ntemperature_range = [20, 30]\ngravity_reference = 9.81\n\
                        gravity_local = 9.81\ntemperature_unit = \"degC\"\n";
 /// In the arguments: the path that is written.
 const OUT: &str = "OUT";
+
+/// An option that writes a file, or into a folder that is there.
+const INTO_FOLDER: &str = "calibrate warm-up output";
 
 /// An option that writes.
 struct Writing {
@@ -79,7 +83,7 @@ const WRITING: &[Writing] = &[
             "px4=OUT",
         ],
     ),
-    file("calibrate warm-up output", &["calibrate", "warm-up", HEATING, "--imu", "i", "-o", OUT]),
+    file(INTO_FOLDER, &["calibrate", "warm-up", HEATING, "--imu", "i", "-o", OUT]),
     file(
         "calibrate warm-up report",
         &["calibrate", "warm-up", HEATING, "--imu", "i", "-o", "made.toml", "--report", OUT],
@@ -255,13 +259,13 @@ impl Fixture {
         let batch = campaign.replace("imu = \"imu-paper\"", imus).replace("samples.csv", "{imu}.csv");
         domain.write("batch.toml", &batch);
         domain.write("campaign.toml", &campaign);
-        domain.write("tumble.toml", &format!("{TUMBLES}imu = \"imu-t\"\nsamples = \"imu-t.csv\"\n"));
+        domain.write("tumble.toml", &format!("{TUMBLES}imu = \"imu0\"\nsamples = \"imu0.csv\"\n"));
         domain.write(
             "tumbles.toml",
-            &format!("{TUMBLES}imus = [{{ id = \"imu-t\" }}, {{ id = \"imu-u\" }}]\nsamples = \"{{imu}}.csv\"\n"),
+            &format!("{TUMBLES}imus = [{{ id = \"imu0\" }}, {{ id = \"imu1\" }}]\nsamples = \"{{imu}}.csv\"\n"),
         );
-        for name in ["imu-t.csv", "imu-u.csv"] {
-            fs::copy(TUMBLE, domain.path(name)).unwrap();
+        for name in ["imu0.csv", "imu1.csv"] {
+            fs::copy(Path::new(TUMBLE_RECORDINGS).join(name), domain.path(name)).unwrap();
         }
         domain.write("source.toml", &read("examples/acquire/stim300.toml"));
         domain.write("bytes", &"x".repeat(5000));
@@ -330,7 +334,8 @@ impl Fixture {
         let named = named.iter().any(|name| said.contains(name.to_str().unwrap()));
         let refused = same && code.is_some_and(|code| code != 0) && named;
         // A folder that is there is used. Each file in it is judged by itself.
-        let used = same && object == "folder" && path == out && !writing.inside.is_empty();
+        let takes_folder = !writing.inside.is_empty() || writing.option == INTO_FOLDER;
+        let used = same && object == "folder" && path == out && takes_folder;
         let right = refused || (replaced || used) && writing.ends.is_none_or(|ends| code == Some(ends));
         fs::remove_file(path).or_else(|_| fs::remove_dir_all(path)).unwrap();
         (!right).then_some(context)

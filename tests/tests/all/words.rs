@@ -38,6 +38,7 @@ const NOUNS: &[&str] = &[
     "Encoding",
     "Finding",
     "LaggedReading",
+    "LogEncoding",
     "Mapping",
     "RampRecording",
     "Reading",

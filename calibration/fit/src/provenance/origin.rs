@@ -99,7 +99,8 @@ impl TableFile {
         places.zip(content.axes.iter().chain(gyroscopes)).map(|((kind, index), axis)| (kind, index, axis))
     }
 
-    /// The text of a sealed file of the table: `text`, its own, if that has a digest; else one with the same provenance.
+    /// The text of a sealed file of the table: `text`, its own, if that has a digest; else one with the same
+    /// provenance.
     #[must_use]
     pub fn sealed(&self, text: &str) -> String {
         let mut file = text.parse::<Table>().unwrap_or_default();
@@ -112,7 +113,8 @@ impl TableFile {
         format!("{}{gap}{provenance}", self.table.to_toml())
     }
 
-    /// The curve of a quantity of a sensor, A1 to G3, with the errors that the provenance has, and its unit in the table.
+    /// The curve of a quantity of a sensor, A1 to G3, with the errors that the provenance has, and its unit in the
+    /// table.
     /// `None` if the table has no such sensor or quantity.
     #[must_use]
     pub fn curve(&self, sensor: usize, quantity: usize) -> Option<(Curve, &'static str)> {
