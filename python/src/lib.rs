@@ -19,6 +19,7 @@ mod reader;
 mod readings;
 mod recordings;
 mod records;
+mod restored;
 mod run;
 mod table;
 mod value;
@@ -65,9 +66,9 @@ mod _isotherm {
     #[pymodule_export]
     use crate::records::{Increment, screen};
     #[pymodule_export]
-    use crate::table::{Axis, Polynomial, Table};
+    use crate::restored::restored;
     #[pymodule_export]
-    use crate::value::restored;
+    use crate::table::{Axis, Polynomial, Table};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -1,15 +1,7 @@
 //! Results travel between processes: each has a state of which it is made anew, without a fit. It is pickled and copied
 //! by that state, and compared by it.
 
-use crate::calibration::Calibration;
-use crate::compare::{Batch, Comparison};
-use crate::curves::Curve;
-use crate::offline::Stability;
-use crate::parameters::Exported;
-use crate::readings::Readings;
-use crate::records::{Increment, python};
-use crate::table::{Axis, Polynomial, Table};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::Serialize;
@@ -44,18 +36,18 @@ macro_rules! equal_by_state {
     ($($class:ty),*) => {$(
         impl PartialEq for $class {
             fn eq(&self, other: &Self) -> bool {
-                self.bytes() == other.bytes()
+                $crate::value::Value::bytes(self) == $crate::value::Value::bytes(other)
             }
         }
 
         impl std::hash::Hash for $class {
             fn hash<H: std::hash::Hasher>(&self, hasher: &mut H) {
-                self.bytes().hash(hasher);
+                $crate::value::Value::bytes(self).hash(hasher);
             }
         }
     )*};
 }
-equal_by_state!(Batch, Calibration, Comparison, Curve, Exported, Increment, Polynomial, Stability);
+pub(crate) use equal_by_state;
 
 /// What `__reduce__` returns: a function, and the arguments of which it makes the value.
 pub(crate) type Reduced<'py> = (Bound<'py, PyAny>, (&'static str, Bound<'py, PyBytes>));
@@ -65,35 +57,7 @@ pub(crate) type Reduced<'py> = (Bound<'py, PyAny>, (&'static str, Bound<'py, PyB
 /// # Errors
 /// If the function is not found.
 pub(crate) fn reduced<'py, T: Value>(py: Python<'py>, value: &T) -> PyResult<Reduced<'py>> {
-    Ok((python(py, "_isotherm", "restored")?, (T::NAME, PyBytes::new(py, &value.bytes()))))
-}
-
-/// The value of a class with a state: what `pickle` and `copy` call.
-#[pyfunction]
-pub(crate) fn restored<'py>(py: Python<'py>, kind: &str, state: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-    fn of<'py, T>(py: Python<'py>, state: &[u8]) -> PyResult<Bound<'py, PyAny>>
-    where
-        T: Value + IntoPyObject<'py, Error = PyErr, Target = T, Output = Bound<'py, T>>,
-    {
-        let state = postcard::from_bytes(state).map_err(|error| {
-            PyValueError::new_err(format!("the pickled {} is of another version: {error}", T::NAME))
-        })?;
-        Ok(T::of(state)?.into_pyobject(py)?.into_any())
-    }
-    match kind {
-        Axis::NAME => of::<Axis>(py, state),
-        Batch::NAME => of::<Batch>(py, state),
-        Calibration::NAME => of::<Calibration>(py, state),
-        Comparison::NAME => of::<Comparison>(py, state),
-        Curve::NAME => of::<Curve>(py, state),
-        Exported::NAME => of::<Exported>(py, state),
-        Increment::NAME => of::<Increment>(py, state),
-        Polynomial::NAME => of::<Polynomial>(py, state),
-        Readings::NAME => of::<Readings>(py, state),
-        Stability::NAME => of::<Stability>(py, state),
-        Table::NAME => of::<Table>(py, state),
-        _ => Err(PyValueError::new_err(format!("no value has the class {kind}"))),
-    }
+    Ok((py.import("isotherm._isotherm")?.getattr("restored")?, (T::NAME, PyBytes::new(py, &value.bytes()))))
 }
 
 /// The exception of `__reduce__` of what belongs to a process; `remedy` says what to do instead.
