@@ -8,7 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-# Seconds since the begin of a recording, or a time stamp as the command takes it; or both as a time of datetime, NumPy or pandas.
+# Seconds since the begin of a recording, or a time stamp as the command takes it; or both as a time of datetime,
+# NumPy or pandas.
 Moment: TypeAlias = float | str | datetime | timedelta | np.datetime64 | np.timedelta64
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
