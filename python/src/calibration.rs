@@ -28,7 +28,6 @@ use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs;
 use std::io::{self, Write as _};
@@ -512,19 +511,6 @@ fn static_pose(reading: &Reading) -> Run {
 fn matrix<'py>(py: Python<'py>, rows: &[Vec<f64>], columns: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let columns = rows.first().map_or(columns, Vec::len);
     PyArray1::from_vec(py, rows.concat()).reshape([rows.len(), columns])
-}
-
-impl value::Value for Calibration {
-    const NAME: &'static str = "Calibration";
-    type State = Self;
-
-    fn state(&self) -> Cow<'_, Self> {
-        Cow::Borrowed(self)
-    }
-
-    fn of(state: Self) -> PyResult<Self> {
-        Ok(state)
-    }
 }
 
 #[pymethods]

@@ -1,7 +1,7 @@
 //! The curves of a calibration or table: their values with the intervals of the report.
 
 use crate::records::Values;
-use crate::value::{Reduced, Value, reduced};
+use crate::value::{Reduced, reduced};
 use isotherm_campaign::Campaign;
 use isotherm_client::Sensor;
 use isotherm_fit::{BiasCurve, CalibratedTriad, CalibrationOutcome, TableFile, TriadUnits, WarmUpCalibration};
@@ -113,19 +113,6 @@ fn of_warm_up(found: &WarmUpCalibration, curve: Curve) -> Curve {
     let points = bias.points.iter().map(|it| [it.temperature, it.value * factor, f64::NAN]).collect();
     let half_width = bias.band.as_ref().map(|band| band.half_width * factor);
     Curve { half_width, points, ..curve }
-}
-
-impl Value for Curve {
-    const NAME: &'static str = "Curve";
-    type State = Self;
-
-    fn state(&self) -> Cow<'_, Self> {
-        Cow::Borrowed(self)
-    }
-
-    fn of(state: Self) -> PyResult<Self> {
-        Ok(state)
-    }
 }
 
 #[pymethods]

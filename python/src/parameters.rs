@@ -3,14 +3,13 @@
 use crate::connection::imu_id;
 use crate::errors::{TableError, faults, in_python};
 use crate::table::Table;
-use crate::value::{Reduced, Value, reduced};
+use crate::value::{Reduced, reduced};
 use isotherm_autopilot::{Autopilot, Effect, EffectLoss, ExportError, ExportOptions, ImportError, ImportOptions};
 use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 use std::fmt::Display;
 
 /// The parameters of a table. `str()` gives the text.
@@ -166,19 +165,6 @@ impl Exported {
             difference: (found.difference.accelerometers, found.difference.gyroscopes),
             notes: found.notes.clone(),
         }
-    }
-}
-
-impl Value for Exported {
-    const NAME: &'static str = "Exported";
-    type State = Self;
-
-    fn state(&self) -> Cow<'_, Self> {
-        Cow::Borrowed(self)
-    }
-
-    fn of(state: Self) -> PyResult<Self> {
-        Ok(state)
     }
 }
 

@@ -8,10 +8,11 @@ use crate::parameters::Exported;
 use crate::readings::Readings;
 use crate::records::Increment;
 use crate::table::{Axis, Polynomial, Table};
-use crate::value::{Value, equal_by_state};
+use crate::value::{Value, equal_by_state, own_states};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+own_states!(Calibration, Curve, Exported);
 equal_by_state!(Batch, Calibration, Comparison, Curve, Exported, Increment, Polynomial, Stability);
 
 /// The value of a class with a state: what `pickle` and `copy` call.

@@ -31,6 +31,25 @@ pub(crate) trait Value: Sized {
     }
 }
 
+/// Classes that are their own states.
+macro_rules! own_states {
+    ($($class:ident),*) => {$(
+        impl $crate::value::Value for $class {
+            const NAME: &'static str = stringify!($class);
+            type State = Self;
+
+            fn state(&self) -> std::borrow::Cow<'_, Self> {
+                std::borrow::Cow::Borrowed(self)
+            }
+
+            fn of(state: Self) -> pyo3::PyResult<Self> {
+                Ok(state)
+            }
+        }
+    )*};
+}
+pub(crate) use own_states;
+
 /// Equal values have the same state, bit for bit: NaN equals itself.
 macro_rules! equal_by_state {
     ($($class:ty),*) => {$(

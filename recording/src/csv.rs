@@ -48,7 +48,8 @@ impl CsvColumn {
 pub struct Rows<R> {
     source: BufReader<R>,
     separator: Separator,
-    parser: csv_core::Reader,
+    /// Of rows with quotation marks; made with the first of them, since making one takes longer than a row.
+    parser: Option<csv_core::Reader>,
     text: Vec<u8>,
     line: u64,
     /// The unquoted fields of a row with quotation marks, one after the other, and the end of each, as csv-core returns
@@ -75,7 +76,7 @@ impl<R: Read> Rows<R> {
         Self {
             source: BufReader::with_capacity(BUFFER, source),
             separator: Separator::Comma,
-            parser: csv_core::Reader::new(),
+            parser: None,
             text: Vec::new(),
             line: lines,
             unquoted: Vec::new(),
@@ -191,8 +192,11 @@ impl<R: Read> Rows<R> {
         if !self.text.ends_with(b"\n") {
             self.text.push(b'\n');
         }
-        self.parser.reset();
-        let (result, _, _, count) = self.parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
+        let delimiter = self.separator.byte();
+        let parser = || csv_core::ReaderBuilder::new().delimiter(delimiter).build();
+        let parser = self.parser.get_or_insert_with(parser);
+        parser.reset();
+        let (result, _, _, count) = parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
         let mut begin = 0;
         for &end in &self.ends[..count] {
             self.fields.push((begin, end));
@@ -232,7 +236,7 @@ impl<R: Read> Rows<R> {
     /// If a quotation mark is not closed.
     pub fn separate_by(&mut self, separator: Separator) -> Result<(), RecordingError> {
         self.separator = separator;
-        self.parser = csv_core::ReaderBuilder::new().delimiter(separator.byte()).build();
+        self.parser = None;
         if self.text.is_empty() { Ok(()) } else { self.split() }
     }
 

@@ -338,7 +338,7 @@ class Calibration:
     def accuracy(self) -> str:
         """The bottom line: 95 % half widths for whole curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
 
-        Of a tumble the residuals of its static poses too. With ramps alone: what was measured, and that nothing else was.
+        For a tumble it also states the residuals of its static poses. For a campaign of ramps it states what was measured, and that nothing else was.
         """
         return self._native.accuracy
 
@@ -442,7 +442,7 @@ class Calibration:
         return self._native.gyroscope_runs()
 
     def save(self, path: AnyPath, *, report: AnyPath | None = None) -> None:
-        """Writes the sealed table file, and with `report` the report (HTML) beside it: both or none."""
+        """Writes the sealed table file and, with `report`, the report (HTML). Either both files appear or none."""
         texts = [(path, self.text)]
         if report is not None:
             texts.append((report, self._native.html()))
@@ -496,7 +496,7 @@ def calibrate_turntable(
     or of two devices, are a fault unless `other_device`.
 
     The ramps that the campaign names are read too, relative to it (of a mapping: to the current folder). `lag` is the time constant
-    of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. With ramps alone there are no
+    of their lag [s] if you know it, "none" for a table without transients; without it the ramps show it, or not. A campaign of ramps has no
     `samples`.
 
     `imu` is the one to calibrate, of a campaign file with several (`imus`). `start` and `end` leave out what is before and after in each
