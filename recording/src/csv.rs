@@ -6,6 +6,7 @@ use crate::error::RecordingError;
 use core::str::FromStr;
 use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Read};
+use std::sync::LazyLock;
 
 mod checksum;
 mod numbers;
@@ -19,6 +20,16 @@ const BUFFER: usize = 1 << 16;
 const UTF_16: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
 /// Longest line \[bytes\].
 const MAX_LINE: u64 = 1 << 16;
+
+/// The parser of rows with this separator. It is copied: to make one takes as long as to parse hundreds of rows.
+fn parser_of(separator: Separator) -> csv_core::Reader {
+    static PARSERS: LazyLock<Vec<(Separator, csv_core::Reader)>> = LazyLock::new(|| {
+        let parser = |separator: Separator| csv_core::ReaderBuilder::new().delimiter(separator.byte()).build();
+        Separator::ALL.map(|separator| (separator, parser(separator))).into()
+    });
+    let own = PARSERS.iter().find(|(of, _)| *of == separator);
+    own.map_or_else(csv_core::Reader::new, |(_, parser)| parser.clone())
+}
 
 /// A column: its name and its index in a row.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
@@ -48,7 +59,7 @@ impl CsvColumn {
 pub struct Rows<R> {
     source: BufReader<R>,
     separator: Separator,
-    /// Of rows with quotation marks; made with the first of them, since making one takes longer than a row.
+    /// Of rows with quotation marks, from the first of them on.
     parser: Option<csv_core::Reader>,
     text: Vec<u8>,
     line: u64,
@@ -192,9 +203,8 @@ impl<R: Read> Rows<R> {
         if !self.text.ends_with(b"\n") {
             self.text.push(b'\n');
         }
-        let delimiter = self.separator.byte();
-        let parser = || csv_core::ReaderBuilder::new().delimiter(delimiter).build();
-        let parser = self.parser.get_or_insert_with(parser);
+        let separator = self.separator;
+        let parser = self.parser.get_or_insert_with(|| parser_of(separator));
         parser.reset();
         let (result, _, _, count) = parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
         let mut begin = 0;
