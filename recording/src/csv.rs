@@ -5,8 +5,8 @@ use crate::columns::{BINARY_FORMATS, hex};
 use crate::error::RecordingError;
 use core::str::FromStr;
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::io::{BufRead, BufReader, Read};
-use std::sync::LazyLock;
 
 mod checksum;
 mod numbers;
@@ -21,14 +21,12 @@ const UTF_16: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
 /// Longest line \[bytes\].
 const MAX_LINE: u64 = 1 << 16;
 
-/// The parser of rows with this separator. It is copied: to make one takes as long as to parse hundreds of rows.
-fn parser_of(separator: Separator) -> csv_core::Reader {
-    static PARSERS: LazyLock<Vec<(Separator, csv_core::Reader)>> = LazyLock::new(|| {
-        let parser = |separator: Separator| csv_core::ReaderBuilder::new().delimiter(separator.byte()).build();
-        Separator::ALL.map(|separator| (separator, parser(separator))).into()
-    });
-    let own = PARSERS.iter().find(|(of, _)| *of == separator);
-    own.map_or_else(csv_core::Reader::new, |(_, parser)| parser.clone())
+thread_local! {
+    /// The parsers of rows with quotation marks, in the order of [`Separator::ALL`]. They are made once, since that takes
+    /// as long as to parse hundreds of rows. None is copied: csv-core's copies lack a part.
+    static PARSERS: RefCell<[csv_core::Reader; Separator::ALL.len()]> = RefCell::new(
+        Separator::ALL.map(|separator| csv_core::ReaderBuilder::new().delimiter(separator.byte()).build())
+    );
 }
 
 /// A column: its name and its index in a row.
@@ -59,8 +57,6 @@ impl CsvColumn {
 pub struct Rows<R> {
     source: BufReader<R>,
     separator: Separator,
-    /// Of rows with quotation marks, from the first of them on.
-    parser: Option<csv_core::Reader>,
     text: Vec<u8>,
     line: u64,
     /// The unquoted fields of a row with quotation marks, one after the other, and the end of each, as csv-core returns
@@ -87,7 +83,6 @@ impl<R: Read> Rows<R> {
         Self {
             source: BufReader::with_capacity(BUFFER, source),
             separator: Separator::Comma,
-            parser: None,
             text: Vec::new(),
             line: lines,
             unquoted: Vec::new(),
@@ -203,10 +198,12 @@ impl<R: Read> Rows<R> {
         if !self.text.ends_with(b"\n") {
             self.text.push(b'\n');
         }
-        let separator = self.separator;
-        let parser = self.parser.get_or_insert_with(|| parser_of(separator));
-        parser.reset();
-        let (result, _, _, count) = parser.read_record(&self.text, &mut self.unquoted, &mut self.ends);
+        let index = Separator::ALL.iter().position(|separator| *separator == self.separator).unwrap_or_default();
+        let (result, _, _, count) = PARSERS.with_borrow_mut(|parsers| {
+            let parser = &mut parsers[index];
+            parser.reset();
+            parser.read_record(&self.text, &mut self.unquoted, &mut self.ends)
+        });
         let mut begin = 0;
         for &end in &self.ends[..count] {
             self.fields.push((begin, end));
@@ -246,7 +243,6 @@ impl<R: Read> Rows<R> {
     /// If a quotation mark is not closed.
     pub fn separate_by(&mut self, separator: Separator) -> Result<(), RecordingError> {
         self.separator = separator;
-        self.parser = None;
         if self.text.is_empty() { Ok(()) } else { self.split() }
     }
 
@@ -575,6 +571,20 @@ mod tests {
         assert_eq!(decimal(b"-0").map(f64::to_bits), Some((-0.0_f64).to_bits()));
         // Too many digits for one division.
         assert_eq!(decimal(b"9007199254740993"), None);
+    }
+
+    #[test]
+    fn a_quotation_mark_that_is_not_closed_does_not_reach_into_another_text() {
+        for separator in Separator::ALL {
+            let mark = char::from(separator.byte());
+            let mut open = Rows::new(&b"\"a"[..]);
+            assert!(open.next_row().is_err());
+            assert!(open.separate_by(separator).is_err());
+            let text = format!("\"a{mark}b\"{mark}\"c\"\n");
+            let mut rows = row(&text);
+            rows.separate_by(separator).unwrap();
+            assert_eq!(rows.names().collect::<Vec<_>>(), [&format!("a{mark}b"), "c"], "{separator:?}");
+        }
     }
 
     #[test]
