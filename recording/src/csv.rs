@@ -22,8 +22,8 @@ const UTF_16: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
 const MAX_LINE: u64 = 1 << 16;
 
 thread_local! {
-    /// The parsers of rows with quotation marks, in the order of [`Separator::ALL`]. They are made once, since that takes
-    /// as long as to parse hundreds of rows. None is copied: csv-core's copies lack a part.
+    /// The parsers of rows with quotation marks, in the order of [`Separator::ALL`]. They are made once, since that
+    /// takes as long as to parse hundreds of rows. None is copied: csv-core's copies lack a part.
     static PARSERS: RefCell<[csv_core::Reader; Separator::ALL.len()]> = RefCell::new(
         Separator::ALL.map(|separator| csv_core::ReaderBuilder::new().delimiter(separator.byte()).build())
     );
