@@ -3,15 +3,13 @@
 //! It is a library so that a bench can run the program in one of its own processes.
 
 mod commands;
-mod messages;
-mod parse;
-mod progress;
 mod recorder;
 mod top;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
+use isotherm_offline::{former_failure, messages};
 use isotherm_service::commands as common;
-use isotherm_support::failure::{Exit, Failure};
+use isotherm_support::failure::Failure;
 use std::env;
 use std::process::ExitCode;
 
@@ -80,15 +78,6 @@ pub fn main() -> ExitCode {
     let arguments: Vec<_> = env::args_os().collect();
     common::exit_code("isotherm", || match Cli::full_command().try_get_matches_from(&arguments) {
         Ok(matches) => Ok(Cli::from_arg_matches(&matches)?.run()),
-        Err(error) => {
-            let arguments = arguments.get(1..).unwrap_or_default();
-            let subcommand = commands::replacement(arguments)
-                .map(|line| format!("calibrate has a subcommand for each way to measure: {line}"));
-            let renamed = [subcommand, commands::renamed_options(arguments)].into_iter().flatten().collect::<Vec<_>>();
-            match error.use_stderr() && !renamed.is_empty() {
-                true => Ok(Err(Failure::new(Exit::Usage, renamed.join("\n")))),
-                false => Err(error),
-            }
-        }
+        Err(error) => former_failure(&arguments, error).map(Err),
     })
 }

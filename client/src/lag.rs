@@ -3,7 +3,7 @@
 
 use crate::clock::{boot, monotonic_ns};
 use crate::kept::Ceiling;
-use crate::lag_option::{LagOption, TimeConstant};
+use crate::lag_option::LagOption;
 use crate::status::StatusReader;
 use crate::transport::stream::IpcNode;
 use crate::warning::warn;
@@ -12,6 +12,7 @@ use isotherm_shared::lag::{Lag, SENSORS};
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::nominal::nominal_ns;
 use isotherm_shared::status::ImuStatus;
+use isotherm_shared::time_constant::TimeConstant;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
 use std::thread;
 use std::time::{Duration, Instant};

@@ -47,12 +47,12 @@ pub mod worker;
 
 pub use acceptance::Acceptance;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use commands::check::Check;
-use commands::explain::{Explain, topics};
 use commands::no_domain;
 use commands::reload::Reload;
 use commands::serve::Serve;
 use commands::status::Status;
+use isotherm_command::check::{Check, CheckedFiles};
+use isotherm_command::explain::{Explain, topics};
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Exit, Failure, shown};
 pub use source::{StatusSource, StatusWait};
@@ -101,7 +101,9 @@ impl Daemon {
         let domain = commands::domain(self.domain.as_deref())?;
         match self.command {
             DaemonCommand::Serve(serve) => serve.run(&domain),
-            DaemonCommand::Check(check) => check.run(laboratory_file, None),
+            DaemonCommand::Check(check) => {
+                check.run(CheckedFiles { laboratory, recording: None, configuration: commands::check::configuration })
+            }
             DaemonCommand::Status(status) => status.run(domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
             DaemonCommand::Explain(explain) => explain.run(&topics()),
@@ -110,7 +112,7 @@ impl Daemon {
 }
 
 /// Files of the laboratory: this program recognises them but does not read them.
-fn laboratory_file(kind: FileKind, _: &str, path: &Path) -> Result<String, Failure> {
+fn laboratory(kind: FileKind, _: &str, path: &Path) -> Result<String, Failure> {
     let message = format!("{}: {}; `isotherm check` reads it", shown(path), kind.name());
     Err(Failure::new(Exit::Usage, message))
 }

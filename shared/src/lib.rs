@@ -53,5 +53,6 @@ pub mod readings;
 pub mod sequence;
 pub mod status;
 pub mod table;
+pub mod time_constant;
 pub mod units;
 pub mod wire;

@@ -85,6 +85,6 @@ pub use tumble::{
     calibrate_tumble, error_of_magnitude, errors_of_means, temperature_steps,
 };
 pub use warm_up::{
-    BEHIND_S, BiasCurve, OnBoard, OnBoardCurve, OrderChoice, Spread, SweepPoint, SweepSpan, TriedOrder,
-    WarmUpCalibration, WarmUpOptions, calibrate_warm_up,
+    BEHIND_S, BiasCurve, LEAST_WARM_UP_SPAN, OnBoard, OnBoardCurve, OrderChoice, Spread, SweepPoint, SweepSpan,
+    TriedOrder, WarmUpCalibration, WarmUpOptions, calibrate_warm_up,
 };

@@ -24,6 +24,7 @@ mod options;
 mod order;
 mod result;
 
+pub use checks::LEAST_WARM_UP_SPAN;
 pub use options::{OnBoard, WarmUpOptions};
 pub use order::{OrderChoice, TriedOrder};
 pub use result::{BEHIND_S, BiasCurve, OnBoardCurve, Spread, SweepPoint, SweepSpan, WarmUpCalibration};

@@ -24,6 +24,7 @@
 
 mod calibrate;
 mod clock;
+mod describe;
 mod files;
 mod laid_out;
 mod proposal;
@@ -34,6 +35,7 @@ mod verify;
 
 pub use calibrate::{InputOptions, InputOrigin, Inputs, JobFailure, JobOutcome};
 pub use clock::now;
+pub use describe::{DescribedKind, ExplainedFinding, FileDescription, ImuSummary, JobFitness, TemperatureSpan, quoted};
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
 pub use repair::repair_into;

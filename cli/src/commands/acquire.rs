@@ -1,7 +1,6 @@
 //! `acquire`: from a device to the service.
 
 use super::common::{RotationArgs, options};
-use crate::parse::seconds;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use isotherm_acquire::{
@@ -9,6 +8,7 @@ use isotherm_acquire::{
 };
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
+use isotherm_offline::parse::seconds;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};

@@ -1,7 +1,6 @@
 //! `campaign`: the automatic campaign.
 
-use super::common::{joined, options};
-use crate::parse::{lag_choice, seconds};
+use super::common::options;
 use clap::{Args, Subcommand};
 use isotherm_automation::control::{self, CampaignLock, StopOutcome, runner_pid, snapshot};
 use isotherm_automation::finish::{Finish, dropped};
@@ -17,6 +16,8 @@ use isotherm_client::Domain;
 use isotherm_files::{create_own_folder, end_signals, print, print_data};
 use isotherm_fit::{AlignmentChoice, LagChoice};
 use isotherm_instruments::Surroundings;
+use isotherm_offline::commands::common::joined;
+use isotherm_offline::parse::{lag_choice, seconds};
 use isotherm_service::commands::no_domain;
 use isotherm_service::logging::{self, LogFormat};
 use isotherm_support::failure::{Exit, Failure, shown};

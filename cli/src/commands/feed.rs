@@ -1,14 +1,15 @@
 //! `feed`: sends a recording as an acquisition process does.
 
-use super::common::{ForeignArgs, GyroscopeWarning, LagSetting, OfData, inputs, options};
-use crate::parse::seconds;
-use crate::progress::playing_bar;
+use super::common::options;
 use clap::Args;
 use isotherm_client::{
     Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Options, RawSample, StatusError,
     TimeConstant, device, fetch_status,
 };
 use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap, sources};
+use isotherm_offline::commands::common::{ForeignArgs, GyroscopeWarning, LagSetting, OfData, inputs};
+use isotherm_offline::parse::seconds;
+use isotherm_offline::progress::playing_bar;
 use isotherm_pipeline::no_bar;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};

@@ -1,12 +1,12 @@
 //! `record`: writes the streams of running IMUs into files.
 
 use super::common::{RotationArgs, options};
-use crate::parse::seconds;
 use crate::recorder::{Recorder, Streams, remove};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use isotherm_client::{Domain, ImuId, Realtime};
 use isotherm_files::{Disk, Trust, check_stdout, check_written, end_signals, load_table};
+use isotherm_offline::parse::seconds;
 use isotherm_recording_formats::write::{Files, Format, IMU_PLACEHOLDER, RosTable, refuse_same_topics};
 use isotherm_service::config::MAX_IMUS;
 use isotherm_shared::names::StreamKind;

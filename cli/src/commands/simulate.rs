@@ -7,10 +7,12 @@ mod rows;
 mod station;
 
 use crate::commands::simulate::rows::{AttitudeDocument, Columns, reachable, write_rows};
-use crate::parse::{Rates, SetPoints, direction, interval, numbers, one_of, rates, seconds, set_points, size};
 use clap::{Args, Subcommand};
 use isotherm_campaign::Scheme;
 use isotherm_client::Domain;
+use isotherm_offline::parse::{
+    Rates, SetPoints, direction, interval, numbers, one_of, rates, seconds, set_points, size,
+};
 use isotherm_service::commands::no_domain;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;
@@ -135,7 +137,7 @@ struct SimulateRun {
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
     /// Ramp of the chamber [degC/h]
-    #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = crate::parse::ramp)]
+    #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = isotherm_offline::parse::ramp)]
     ramp: f64,
     /// Ramp back too, and hold again
     ///

@@ -43,6 +43,7 @@ mod unit;
 pub(crate) use calendar::time_ns;
 pub use columns::{ColumnRef, Kind, SensorColumns, Sensors, Temperature};
 pub use foreign::Foreign;
+pub use known::known_format;
 pub use looked::{Calendar, LookedColumn, LookedTable};
 pub use mapping::{Decimal, KnownColumns, Mapping, RowTimes, TimeUnit};
 pub(crate) use ros::is_bag;

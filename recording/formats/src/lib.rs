@@ -27,3 +27,6 @@ pub mod ros;
 mod seal;
 mod varint;
 pub mod write;
+
+/// Whether what is compressed with zstd can be read and written. The library is C code, which WebAssembly has not.
+const HAS_ZSTD: bool = cfg!(not(target_family = "wasm"));

@@ -5,8 +5,8 @@
 //! gets what it lacks, then the end. Then the two files exchange their names in one step. A reader that opens the name,
 //! also after a crash, gets all up to the last step.
 
-use crate::output::HIDDEN;
 use crate::place::{exchange, folder_of, sync_folder};
+use crate::staged::HIDDEN;
 use isotherm_support::source::ReadSeek;
 use isotherm_support::storage::{GrowingFile, Storage};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock, open, statvfs};

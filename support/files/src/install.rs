@@ -14,10 +14,10 @@
 //! SIGKILL loses nothing: the next process that finds a `TABLE.replaced` completes the installation, or removes the
 //! copy if it equals TABLE, which then was not replaced.
 
+use crate::identity::Identity;
 use crate::live::{give_mode_and_owner, mode_of};
-use crate::load::Identity;
-use crate::output::HIDDEN;
 use crate::place::{exchange, output_place, rename, sync_folder};
+use crate::staged::HIDDEN;
 use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
 use std::ffi::OsString;

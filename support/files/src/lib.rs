@@ -21,25 +21,43 @@
 //! # }
 //! ```
 
+// Where a page of a browser keeps the files, there are no other users, processes and signals.
+#[cfg(not(target_os = "wasi"))]
 mod disk;
+#[cfg_attr(target_os = "wasi", path = "wasi/identity.rs")]
+mod identity;
+#[cfg(not(target_os = "wasi"))]
 mod install;
+#[cfg(not(target_os = "wasi"))]
 mod live;
 mod load;
 mod output;
+#[cfg_attr(target_os = "wasi", path = "wasi/place.rs")]
 mod place;
+#[cfg_attr(target_os = "wasi", path = "wasi/signals.rs")]
 mod signals;
 mod source;
+#[cfg_attr(target_os = "wasi", path = "wasi/staged.rs")]
+mod staged;
+#[cfg_attr(target_os = "wasi", path = "wasi/stdout.rs")]
 mod stdout;
+#[cfg(not(target_os = "wasi"))]
+mod trust;
 
+#[cfg(not(target_os = "wasi"))]
 pub use disk::Disk;
+pub use identity::Identity;
+#[cfg(not(target_os = "wasi"))]
 pub use install::Installation;
+#[cfg(not(target_os = "wasi"))]
 pub use live::{LiveFile, Partial, partial_path, target_of};
-pub use load::{
-    Identity, LoadError, Trust, load_table, load_table_text, open_without_waiting, read_parameters, read_text,
-    uninterrupted,
-};
+pub use load::{LoadError, Trust, load_table, load_table_text, read_parameters, read_text, uninterrupted};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
-pub use place::{check_own_folder, create_folder, create_own_folder, exchange, output_place, sync_folder};
-pub use signals::{end_flag, end_signals, remove_unfinished_on_signals, report_file_limit};
+#[cfg(not(target_os = "wasi"))]
+pub use place::{check_own_folder, create_own_folder, exchange, sync_folder};
+pub use place::{create_folder, open_without_waiting, output_place};
+#[cfg(not(target_os = "wasi"))]
+pub use signals::{end_flag, end_signals};
+pub use signals::{remove_unfinished_on_signals, report_file_limit};
 pub use source::{open_recording, source, sources};
 pub use stdout::check_stdout;

@@ -1,54 +1,20 @@
 //! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of
 //! the file was read.
 
-use crate::place::is_trusted;
+use crate::identity::Identity;
+use crate::place::open_without_waiting;
+#[cfg(not(target_os = "wasi"))]
+use crate::trust::refusal;
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
 use isotherm_support::failure::{Exit, Failure, shown};
-use rustix::process::geteuid;
 use std::fmt;
-use std::fs::{self, File, Metadata, OpenOptions};
+#[cfg(target_os = "wasi")]
+use std::fs::Metadata;
 use std::io::{self, Read as _};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
-
-/// Identifies one state of a file: it changes when the file is replaced or written.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub struct Identity {
-    device: u64,
-    inode: u64,
-    size: u64,
-    modified: (i64, i64),
-    changed: (i64, i64),
-}
-
-impl Identity {
-    /// The state of the file at `path`, through symbolic links; `None` if there is no file.
-    #[must_use]
-    pub fn of(path: &Path) -> Option<Self> {
-        fs::metadata(path).ok().map(|metadata| Self::from(&metadata))
-    }
-
-    /// When its content was last changed, Unix time \[s\].
-    #[must_use]
-    pub fn modified_unix_s(&self) -> f64 {
-        self.modified.0 as f64 + self.modified.1 as f64 * 1e-9
-    }
-}
-
-impl From<&Metadata> for Identity {
-    fn from(metadata: &Metadata) -> Self {
-        Self {
-            device: metadata.dev(),
-            inode: metadata.ino(),
-            size: metadata.size(),
-            modified: (metadata.mtime(), metadata.mtime_nsec()),
-            changed: (metadata.ctime(), metadata.ctime_nsec()),
-        }
-    }
-}
 
 /// Why a table or configuration could not be loaded.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -104,33 +70,12 @@ impl Trust {
     pub const fn protected_unless(given: bool) -> Self {
         if given { Self::Any } else { Self::Protected }
     }
-
-    /// Why the file, which has been opened by this path, is not trusted.
-    fn refusal(self, path: &Path, opened: &Metadata) -> Option<String> {
-        let name = shown(path);
-        if self != Self::Any && opened.mode() & 0o002 != 0 {
-            return Some(format!("everybody may write it; chmod o-w {name}, or give --allow-world-writable"));
-        }
-        if self != Self::Owned {
-            return None;
-        }
-        // Another user could have made a link to a file that would be trusted by itself.
-        let link = fs::symlink_metadata(path).ok().filter(Metadata::is_symlink);
-        let mut owners = [Some(opened), link.as_ref()].into_iter().flatten().map(Metadata::uid);
-        let (foreign, own) = (owners.find(|owner| !is_trusted(*owner))?, geteuid().as_raw());
-        Some(format!(
-            "it belongs to user {foreign}, who could change what the service does; if it is as it should be, chown -h {own} {name}, \
-             or give --allow-world-writable"
-        ))
-    }
 }
 
-/// Opens a file for reading. Where the path is a pipe, it does not wait for a writer.
-///
-/// # Errors
-/// If it cannot be opened.
-pub fn open_without_waiting(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)
+/// Files of nobody else are there.
+#[cfg(target_os = "wasi")]
+fn refusal(_: Trust, _: &Path, _: &Metadata) -> Option<String> {
+    None
 }
 
 /// Makes a call again that a signal has interrupted. The standard library does so for most calls, but not for `stat`.
@@ -182,7 +127,7 @@ fn read(
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
     }
-    if let Some(refusal) = trust.refusal(path, &before) {
+    if let Some(refusal) = refusal(trust, path, &before) {
         return Err(refused(1, refusal));
     }
     let mut bytes = Vec::new();

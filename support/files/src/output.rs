@@ -1,58 +1,26 @@
 //! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of
 //! a live stream are kept if the command ends early ([`Output::create_live`]).
 
-use crate::live::{LiveFile, Partial, give_mode_and_owner, mode_of};
-use crate::place::{folder_of, output_place, sync_folder};
-use crate::signals::{UnfinishedFile, hold_signals};
+#[cfg(not(target_os = "wasi"))]
+use crate::live::{LiveFile, Partial};
+use crate::place::{canonical, output_place};
+use crate::signals::hold_signals;
+use crate::staged::{Aside, StagedFile};
 use crate::stdout::check_stdout;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
-use std::fs::{self, File, Metadata, OpenOptions, Permissions};
+use std::fs::{self, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
-use tempfile::TempPath;
-
-/// How the names of files begin that are not complete, or no longer needed.
-pub(crate) const HIDDEN: &str = ".isotherm-";
 
 /// Where a command writes its data.
 pub enum Output {
     /// A file with a temporary name in the target's folder, which is renamed when it is complete.
     Staged(StagedFile),
     /// A file of rows that is kept if the command ends early.
+    #[cfg(not(target_os = "wasi"))]
     Live(LiveFile),
     /// Stdout, a pipe or a device.
     Direct(BufWriter<Box<dyn Write>>),
-}
-
-/// A file with a temporary name. Dropping it removes the file.
-pub struct StagedFile {
-    writer: BufWriter<File>,
-    temporary: TempPath,
-    target: PathBuf,
-    /// Dropped after the file is removed or renamed.
-    _unfinished: UnfinishedFile,
-}
-
-impl StagedFile {
-    fn create(target: &Path, existing: Option<&Metadata>) -> io::Result<Self> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(HIDDEN).permissions(Permissions::from_mode(mode_of(existing)));
-        // Until the file is listed: a signal between creating and listing removes it too.
-        let _held = hold_signals();
-        // Keep only the kind of the error: its text names the temporary file, which the user does not know.
-        let staged = builder.tempfile_in(folder_of(target)).map_err(|error| io::Error::from(error.kind()))?;
-        let (file, temporary) = staged.into_parts();
-        let unfinished = UnfinishedFile::list(&temporary);
-        give_mode_and_owner(&file, existing);
-        Ok(Self { writer: BufWriter::new(file), temporary, target: target.to_owned(), _unfinished: unfinished })
-    }
-
-    /// Gives the file its name, and makes that durable.
-    fn rename(self) -> io::Result<()> {
-        self.temporary.persist(&self.target).map_err(|error| error.error)?;
-        sync_folder(&self.target)
-    }
 }
 
 impl Output {
@@ -69,6 +37,7 @@ impl Output {
     ///
     /// # Errors
     /// As [`create`](Self::create), and if an earlier run has left its rows.
+    #[cfg(not(target_os = "wasi"))]
     pub fn create_live(path: Option<&Path>) -> io::Result<Self> {
         Self::open(path, |target, existing| LiveFile::create(target, existing).map(Self::Live))
     }
@@ -94,6 +63,7 @@ impl Output {
     }
 
     /// Where the rows are until the output is complete, if it keeps them.
+    #[cfg(not(target_os = "wasi"))]
     #[must_use]
     pub fn partial(&self) -> Option<Partial> {
         match self {
@@ -116,55 +86,32 @@ impl Output {
     fn complete(&mut self) -> io::Result<()> {
         self.flush()?;
         match self {
-            Self::Staged(file) => file.writer.get_ref().sync_all(),
-            Self::Live(_) | Self::Direct(_) => Ok(()),
+            Self::Staged(file) => file.sync(),
+            _ => Ok(()),
         }
     }
 
     /// Gives the file that is about to be replaced, if there is one, a hidden name, and waits until that is durable.
     fn set_aside(&self) -> io::Result<Option<Aside>> {
-        let Self::Staged(StagedFile { target: path, .. }) = self else { return Ok(None) };
-        match tempfile::Builder::new().prefix(HIDDEN).make_in(folder_of(path), |hidden| fs::rename(path, hidden)) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            // Keep only the kind of the error, as in `stage`.
-            Err(error) => Err(io::Error::from(error.kind())),
-            Ok(hidden) => {
-                let aside = Aside { hidden: hidden.into_temp_path(), path: path.clone() };
-                sync_folder(path).map(|()| Some(aside))
-            }
-        }
+        if let Self::Staged(file) = self { file.set_aside() } else { Ok(None) }
     }
 
     /// Gives the file, which [`complete`](Self::complete) has made durable, its name, and makes that durable, too.
     fn rename(self) -> io::Result<()> {
         match self {
             Self::Staged(file) => file.rename(),
+            #[cfg(not(target_os = "wasi"))]
             Self::Live(file) => file.finish(),
             Self::Direct(_) => Ok(()),
         }
     }
 }
 
-/// An old file under a hidden name. Dropping it removes the file.
-struct Aside {
-    hidden: TempPath,
-    path: PathBuf,
-}
-
-impl Aside {
-    /// Gives the file its name again, because of this failure. If that fails too, the message says where the file is.
-    fn put_back(failure: Failure, aside: Self) -> Failure {
-        let hidden = aside.hidden.to_path_buf();
-        let Err(error) = aside.hidden.persist(&aside.path) else { return failure };
-        let _ = error.path.keep();
-        Failure::new(failure.exit, format!("{failure}; the old {} is {}", shown(&aside.path), shown(&hidden)))
-    }
-}
-
 impl Write for Output {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
-            Self::Staged(file) => file.writer.write(buffer),
+            Self::Staged(file) => file.write(buffer),
+            #[cfg(not(target_os = "wasi"))]
             Self::Live(file) => file.write(buffer),
             Self::Direct(writer) => writer.write(buffer),
         }
@@ -172,7 +119,8 @@ impl Write for Output {
 
     fn flush(&mut self) -> io::Result<()> {
         match self {
-            Self::Staged(file) => file.writer.flush(),
+            Self::Staged(file) => file.flush(),
+            #[cfg(not(target_os = "wasi"))]
             Self::Live(file) => file.flush(),
             Self::Direct(writer) => writer.flush(),
         }
@@ -317,7 +265,7 @@ pub fn check_written(path: Option<&Path>, result: io::Result<()>) -> Result<(), 
 /// # Errors
 /// [`Exit::Usage`], with the name of the file.
 pub fn refuse_overlap(inputs: &[(&Path, &str)], outputs: &[Option<&Path>]) -> Result<(), Failure> {
-    let regular = |path: &Path| fs::canonicalize(path).ok().filter(|path| path.is_file());
+    let regular = |path: &Path| canonical(path).ok().filter(|path| path.is_file());
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     for (index, output) in outputs.iter().enumerate() {
         let Some(output) = output else { continue };

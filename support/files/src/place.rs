@@ -9,9 +9,9 @@
 use rustix::fs::{CWD, RenameFlags, renameat_with};
 use rustix::io::Errno;
 use rustix::process::geteuid;
-use std::fs::{self, File, Metadata};
+use std::fs::{self, File, Metadata, OpenOptions};
 use std::io;
-use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _};
+use std::os::unix::fs::{FileTypeExt as _, MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 /// Permission to write for everybody.
@@ -142,6 +142,22 @@ pub fn check_own_folder(path: &Path) -> io::Result<()> {
         }
     };
     Err(io::Error::other(message))
+}
+
+/// The one name of what is at a path.
+///
+/// # Errors
+/// Those of the operating system, where there is nothing.
+pub(crate) fn canonical(path: &Path) -> io::Result<PathBuf> {
+    fs::canonicalize(path)
+}
+
+/// Opens a file for reading. Where the path is a pipe, it does not wait for a writer.
+///
+/// # Errors
+/// If it cannot be opened.
+pub fn open_without_waiting(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)
 }
 
 /// Waits until the names in the folder of `path` are on the disk: after a rename that makes something lasting.

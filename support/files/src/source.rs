@@ -2,6 +2,7 @@
 
 mod folder;
 
+use crate::place::canonical;
 use isotherm_support::failure::Failure;
 use isotherm_support::source::{ByteStream, DataSource, Opener, ReadSeek};
 use std::fs::{self, File};
@@ -49,6 +50,6 @@ impl Opener for PathOpener {
     }
 
     fn identity(&self) -> io::Result<PathBuf> {
-        fs::canonicalize(&self.0)
+        canonical(&self.0)
     }
 }

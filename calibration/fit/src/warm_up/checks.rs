@@ -15,8 +15,8 @@ use isotherm_support::finding::{Finding, Severity, name};
 const COVERED: f64 = 0.5;
 /// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
 const LENGTH: f64 = 0.2;
-/// The temperature moves by this at least \[degC\].
-const LEAST_SPAN: f64 = 2.0;
+/// The temperature of a warm-up moves by this at least \[degC\].
+pub const LEAST_WARM_UP_SPAN: f64 = 2.0;
 /// Temperature of an IMU that works \[degC\].
 const CELSIUS: [f64; 2] = [-80.0, 150.0];
 /// Temperature over this looks like kelvin up to `MILLI`, then like thousandths of a degree.
@@ -113,9 +113,9 @@ fn covered(recording: &RampRecording) -> Option<Finding> {
 fn still(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Finding> {
     let unit = &nominal.content().temperature_unit;
     let [low, high] = recording.extremes(0)[0]?;
-    (zero_of(unit).is_some() && high - low < LEAST_SPAN).then(|| {
+    (zero_of(unit).is_some() && high - low < LEAST_WARM_UP_SPAN).then(|| {
         let message = format!(
-            "{}: the temperature moves by {:.2} {unit}; a curve over temperature needs {LEAST_SPAN} at least: warm up, or cool",
+            "{}: the temperature moves by {:.2} {unit}; a curve over temperature needs {LEAST_WARM_UP_SPAN} at least: warm up, or cool",
             recording.name(),
             high - low
         );

@@ -1,7 +1,7 @@
 //! Options of what the past of the temperature adds to the biases: elements that lag, and plays.
 
-use crate::parse::{numbers, positive, time_constant};
 use clap::Args;
+use isotherm_offline::parse::{numbers, positive, time_constant};
 use isotherm_shared::table::Content;
 use isotherm_shared::wire::AXES;
 use isotherm_simulation::Play;

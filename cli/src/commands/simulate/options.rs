@@ -1,9 +1,9 @@
 //! Options of the simulated IMU, which all simulations share, and functions that write their files.
 
 use super::memory::MemoryOptions;
-use crate::parse::{gravity, latitude, size, sizes, vibration};
 use clap::Args;
 use isotherm_files::{Output, StagedText, Trust, load_table, print};
+use isotherm_offline::parse::{gravity, latitude, size, sizes, vibration};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, ContentFault};
 use isotherm_shared::wire::AXES;

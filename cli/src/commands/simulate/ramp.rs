@@ -3,9 +3,9 @@
 
 use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml, usage};
 use super::rows::{AttitudeDocument, Columns, reachable, write_rows};
-use crate::parse::{Rates, direction, interval, numbers, rates, seconds, size};
 use clap::Args;
 use isotherm_campaign::Ramp;
+use isotherm_offline::parse::{Rates, direction, interval, numbers, rates, seconds, size};
 use isotherm_shared::wire::AXES;
 use isotherm_simulation as simulation;
 use isotherm_simulation::{RampSchedule, RunSchedule, Truth};

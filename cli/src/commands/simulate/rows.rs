@@ -1,8 +1,8 @@
 //! Rows of a simulation, written as they come.
 
 use super::options::{SimulatedFiles, usage};
-use crate::progress::rows_bar;
 use isotherm_files::{check_stdout, check_written, create_folder};
+use isotherm_offline::progress::rows_bar;
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::{Chain, RunSchedule, Truth};

@@ -1,11 +1,11 @@
 //! `simulate station`: a laboratory in processes of its own.
 
 use super::options::{SimulatedFiles, SimulatedImuOptions, arcsec, truth_toml};
-use crate::parse::{interval, size};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use isotherm_client::{Domain, monotonic_ns};
 use isotherm_files::{create_own_folder, print};
+use isotherm_offline::parse::{interval, size};
 use isotherm_simulation::{Chain, Noise};
 use isotherm_station::{
     ChamberProtocol, Injection, SimulatedStation, StationImu, StationProcess, TurntableProtocol, end_with_parent,

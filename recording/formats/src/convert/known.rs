@@ -6,6 +6,7 @@ use super::settings::{Settings, TimeSource};
 use isotherm_autopilot::logs::{DataFlashSource, FoundImu, GyroscopeTemperature, LogEncoding, UlogSource, is_ulog};
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_recording::foreign::{ForeignRows, OpenData};
+use isotherm_shared::content::FileContent;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 
@@ -34,6 +35,16 @@ impl KnownFormat {
             return Some(Self::Novatel);
         }
         LogEncoding::of(beginning).map(Self::DataFlash)
+    }
+
+    /// Its name in messages.
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Mcap => FileContent::Mcap.name(),
+            Self::Novatel => "logs of NovAtel (ASCII)",
+            Self::Ulog => FileContent::Ulog.name(),
+            Self::DataFlash(_) => FileContent::DataFlash.name(),
+        }
     }
 
     /// The rows of the data. ROS messages may have other units, one of which is `units` \[m/s2, rad/s\].
@@ -65,6 +76,12 @@ impl KnownFormat {
             Self::Mcap | Self::Novatel => Ok(Vec::new()),
         }
     }
+}
+
+/// The name of the format of data that begin with these bytes, if its columns are known.
+#[must_use]
+pub fn known_format(beginning: &[u8]) -> Option<&'static str> {
+    KnownFormat::of(beginning).map(KnownFormat::name)
 }
 
 /// Refuses settings of another format than the data's.

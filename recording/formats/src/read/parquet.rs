@@ -4,6 +4,7 @@ use super::pages;
 use super::panics::catch_panic;
 use super::random::RandomAccess;
 use super::table::{Absence, ImuChoice, TableReader, ValueKind, WantedColumn, refuse_missing};
+use crate::HAS_ZSTD;
 use crate::seal::{DAMAGED, FOOTER_SEAL, GroupChecks, checks_in, matches_seal};
 use isotherm_recording::columns::{PARQUET_MAGIC, hex};
 use isotherm_recording::steps;
@@ -344,13 +345,17 @@ fn check_compression(reader: &SerializedFileReader<RandomAccess>, columns: &[Fou
             steps::count(1);
             let chunk = group.column(column.index);
             let compression = chunk.compression();
-            if !matches!(compression, Compression::UNCOMPRESSED | Compression::SNAPPY | Compression::ZSTD(_)) {
+            let is_read = match compression {
+                Compression::UNCOMPRESSED | Compression::SNAPPY => true,
+                Compression::ZSTD(_) => HAS_ZSTD,
+                _ => false,
+            };
+            if !is_read {
                 let name = chunk.column_path().string();
                 let compression = compression.to_string();
                 let compression = compression.split('(').next().unwrap_or_default();
-                return Err(format!(
-                    "{name} is compressed with {compression}; write it with zstd, with snappy or uncompressed"
-                ));
+                let known = if HAS_ZSTD { "with zstd, with snappy or" } else { "with snappy, or" };
+                return Err(format!("{name} is compressed with {compression}; write it {known} uncompressed"));
             }
         }
     }

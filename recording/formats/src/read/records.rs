@@ -264,6 +264,7 @@ fn checked(event: Option<Option<Result<McapEvent, McapError>>>) -> Result<Option
             format!("outside of its chunks the file does not match its check; {DAMAGED}")
         }
         Some(Some(Err(McapError::BadChunkCrc { .. }))) => format!("the chunk does not match its check; {DAMAGED}"),
+        Some(Some(Err(McapError::UnsupportedCompression(name)))) => unread(&name),
         Some(Some(Err(error))) => format!("not a valid MCAP file: {error}; {DAMAGED}"),
     };
     Err(RecordsError::Invalid(message))
@@ -322,7 +323,7 @@ pub(crate) fn each_record(
                     }
                 }
                 Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
-                Some(Err(error)) => return Err(error.to_string()),
+                Some(Err(error)) => return Err(of_chunk(error)),
             }
         }
     };
@@ -333,6 +334,16 @@ pub(crate) fn each_record(
 fn of_chunk(error: McapError) -> String {
     match error {
         McapError::BadChunkCrc { .. } => "the chunk does not match its check".to_owned(),
+        McapError::UnsupportedCompression(name) => unread(&name),
         error => error.to_string(),
     }
+}
+
+/// A compression that cannot be undone here.
+fn unread(compression: &str) -> String {
+    format!(
+        "its chunks are compressed with {}, which is not read here; `mcap decompress FILE -o NEW.mcap` writes them \
+         without compression",
+        compression.escape_debug()
+    )
 }

@@ -200,9 +200,12 @@ fn begin(memory: &MemorySink) -> io::Result<mcap::Writer<NoSeek<MemorySink>>> {
 /// How all MCAP files are written.
 pub(crate) fn options() -> WriteOptions {
     let library = concat!("isotherm ", env!("CARGO_PKG_VERSION"));
-    // Compression runs in this thread. The sink cannot seek.
+    // The sink cannot seek.
     let options = WriteOptions::new().library(library).disable_seeking(true);
-    options.compression_level(1).compression_threads(0)
+    // Compression runs in this thread. Without zstd there is none.
+    #[cfg(not(target_family = "wasm"))]
+    let options = options.compression_level(1).compression_threads(0);
+    options
 }
 
 impl FileStream {

@@ -1,5 +1,6 @@
 //! The bytes of a Parquet file of one stream: row groups, then the footer. With checks or without.
 
+use crate::HAS_ZSTD;
 use crate::seal::{FileParts, GroupChecks, KEY, MAGIC, checks_of, footer, footer_seal, group_seal};
 use isotherm_recording::columns::{Column, ColumnKind, Layout, columns};
 use isotherm_recording::rows::{RecordedRow, append_value};
@@ -220,9 +221,10 @@ pub(crate) fn metadata(columns: &[Column], imu: &ImuId, stream: StreamKind) -> V
 }
 
 fn properties(columns: &[Column]) -> Result<WriterProperties, ParquetError> {
+    let compression = if HAS_ZSTD { Compression::ZSTD(ZstdLevel::try_new(1)?) } else { Compression::SNAPPY };
     let mut properties = WriterProperties::builder()
         .set_created_by(concat!("isotherm ", env!("CARGO_PKG_VERSION")).to_owned())
-        .set_compression(Compression::ZSTD(ZstdLevel::try_new(1)?))
+        .set_compression(compression)
         .set_statistics_enabled(EnabledStatistics::None)
         .set_offset_index_disabled(true);
     for column in columns {

@@ -1,0 +1,88 @@
+//! `explain`: meaning and remedy of every name that the program prints; as a page, all findings.
+
+use clap::{Args, ValueEnum};
+use isotherm_command::explain::{Explain, Topic, topics, wrap};
+use isotherm_files::print_data;
+use isotherm_support::failure::Failure;
+use isotherm_support::finding::name::{Explanation, Rank, SUBJECTS, explanations};
+
+/// Columns of a page.
+const PAGE_WIDTH: usize = 118;
+
+/// Explain a name that the program prints
+///
+/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`.
+///
+/// Without a name, all names are listed.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  isotherm explain
+  isotherm explain position-off
+  isotherm explain late
+  isotherm explain --markdown findings > docs/findings.md")]
+pub struct ExplainName {
+    #[command(flatten)]
+    names: Explain,
+    /// Print a page of the documents
+    #[arg(long, value_name = "PAGE", conflicts_with = "name")]
+    markdown: Option<Page>,
+}
+
+/// A page that is printed.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Page {
+    Findings,
+}
+
+impl ExplainName {
+    pub(crate) fn run(self, others: Vec<Topic>) -> Result<(), Failure> {
+        if let Some(Page::Findings) = self.markdown {
+            return print_data(&findings_page());
+        }
+        let finding = |Explanation { name, rank, meaning, remedy }: &Explanation| {
+            Topic::new("finding", *name, rank.words().to_owned(), meaning, remedy)
+        };
+        let all: Vec<_> = explanations().map(finding).chain(topics()).chain(others).collect();
+        self.names.run(&all)
+    }
+}
+
+fn findings_page() -> String {
+    let paragraph = |text: &str| wrap(text, PAGE_WIDTH, "", "");
+    let mut page = "# Findings\n\n".to_owned();
+    page += &paragraph(
+        "What `calibrate` and an automatic campaign refuse, and what they, `verify`, `noise`, `compare` and `convert` warn \
+         of. `isotherm explain NAME` prints one entry; this page is printed by `isotherm explain --markdown findings`.",
+    );
+    page.push('\n');
+    page += &paragraph(
+        "One **fault** is enough for exit code 65 and no table: its limit is where no true data can be. What may be \
+         true is a **warning**. `--accept NAME,NAME` makes the table in spite of faults: they are then warnings, and \
+         the provenance has their names. The other commands have both options too. A fault with * leaves nothing to fit and cannot be accepted. `--strict` makes \
+         every warning a fault. At most ten lines are printed, faults before warnings; `-v` lists all.",
+    );
+    for subject in SUBJECTS {
+        page += &format!("\n## {}\n\n", subject.title);
+        if !subject.introduction.is_empty() {
+            page += &paragraph(subject.introduction);
+            page.push('\n');
+        }
+        for Explanation { name, rank, meaning, remedy } in subject.names {
+            let rank = if *rank == Rank::Final { " *, fault".to_owned() } else { format!(", {}", rank.words()) };
+            let text = format!("`{name}`{rank}. {meaning} **{remedy}**", meaning = meaning.trim());
+            page += &wrap(&linked(&text), PAGE_WIDTH, "- ", "  ");
+        }
+    }
+    page
+}
+
+/// The text with links to other pages in place of their paths.
+fn linked(text: &str) -> String {
+    let link = |word: &str| {
+        let Some(path) = word.strip_prefix("docs/") else { return word.to_owned() };
+        let end = path.find(".md").map_or(path.len(), |end| end + 3);
+        let page = path.trim_end_matches(['.', '*']);
+        format!("[{}]({page}){}", &path[..end], &path[page.len()..])
+    };
+    text.split(' ').map(link).collect::<Vec<_>>().join(" ")
+}

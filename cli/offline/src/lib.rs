@@ -1,0 +1,75 @@
+//! The commands of `isotherm` that work on files alone: calibration, verification, conversion and all that belongs to
+//! them. The program `isotherm` has them beside the live ones. The program of this crate has nothing else, and links no
+//! transport, so that it runs as WebAssembly, too.
+
+pub mod commands;
+pub mod messages;
+pub mod parse;
+#[cfg_attr(target_os = "wasi", path = "progress_wasi.rs")]
+pub mod progress;
+
+use clap::{CommandFactory as _, FromArgMatches as _, Parser};
+use commands::OfflineCommand;
+use isotherm_command::{exit_code, finish};
+use isotherm_support::failure::{Exit, Failure, tell_plainly};
+use std::env;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// Calibrate accelerometers and gyroscopes over temperature
+///
+/// The commands of `isotherm` that work on files.
+#[derive(Debug, Parser)]
+#[command(name = "isotherm", version, propagate_version = true, arg_required_else_help = true)]
+struct OfflineProgram {
+    /// Print nothing to stderr but failures
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Print more messages
+    ///
+    /// calibrate lists all faults and warnings of refused data then, not the first ten, also those that a diagnosis
+    /// explains
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    #[command(subcommand)]
+    command: OfflineCommand,
+}
+
+/// The whole command line of the offline commands.
+#[must_use]
+pub fn command() -> clap::Command {
+    finish(OfflineProgram::command().long_version(isotherm_version::LONG_VERSION), "isotherm")
+}
+
+/// What is said of a command line that clap refuses, if it is a former one.
+///
+/// # Errors
+/// The error of clap, if it is not.
+pub fn former_failure(arguments: &[OsString], error: clap::Error) -> Result<Failure, clap::Error> {
+    let arguments = arguments.get(1..).unwrap_or_default();
+    let subcommand = commands::replacement(arguments)
+        .map(|line| format!("calibrate has a subcommand for each way to measure: {line}"));
+    let renamed = [subcommand, commands::renamed_options(arguments)].into_iter().flatten().collect::<Vec<_>>();
+    match error.use_stderr() && !renamed.is_empty() {
+        true => Ok(Failure::new(Exit::Usage, renamed.join("\n"))),
+        false => Err(error),
+    }
+}
+
+/// Runs the program with the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let arguments: Vec<_> = env::args_os().collect();
+    exit_code(
+        "isotherm",
+        |program, message| tell_plainly(program, message),
+        || match command().try_get_matches_from(&arguments) {
+            Ok(matches) => {
+                let OfflineProgram { quiet, verbose, command } = OfflineProgram::from_arg_matches(&matches)?;
+                messages::start(quiet, verbose);
+                Ok(command.run(verbose, commands::CHECKED_FILES, Vec::new))
+            }
+            Err(error) => former_failure(&arguments, error).map(Err),
+        },
+    )
+}

@@ -1,0 +1,25 @@
+// Runs the engine with the command line behind its path, in the current folder: node run.mjs ENGINE ARGUMENT..
+// The folder is both `.` and `/` of the program, as the page gives it.
+import { readFileSync } from 'node:fs';
+import { WASI } from 'node:wasi';
+
+const [engine, ...words] = process.argv.slice(2);
+const wasi = new WASI({
+  version: 'preview1',
+  args: ['isotherm', ...words],
+  env: {},
+  preopens: { '/': process.cwd() },
+  returnOnExit: true,
+});
+const module = new WebAssembly.Module(readFileSync(engine));
+const instance = new WebAssembly.Instance(module, wasi.getImportObject());
+try {
+  process.exitCode = wasi.start(instance);
+} catch (error) {
+  // What would be a panic in the native program.
+  console.error(String(error));
+  process.exitCode = 101;
+}
+if (process.env.ISOTHERM_MEMORY) {
+  console.error(`memory: ${instance.exports.memory.buffer.byteLength} bytes`);
+}
