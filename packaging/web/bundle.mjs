@@ -56,9 +56,9 @@ const parts = {
   STYLE: esbuild.transformSync(read("src/page.css"), { loader: "css", minify: true }).code.trim(),
   LICENCES: escaped(licences),
   ENGINE: gzipSync(readFileSync(engine), { level: 9 }).toString("base64"),
-  EXAMPLE: readFileSync(join(here, "example/warm-up.ulg.gz")).toString("base64"),
+  EXAMPLE: readFileSync(join(here, "data/warm-up.ulg.gz")).toString("base64"),
   WORKER: script("worker.ts"),
-  OPTIONS: (await printed("options")).replaceAll("<", "\\u003c"),
+  OPTIONS: (await printed("arguments")).replaceAll("<", "\\u003c"),
   SCRIPT: scripts,
 };
 const html = read("src/page.html").replace(new RegExp(Object.keys(parts).join("|"), "g"), (name) => parts[name]);

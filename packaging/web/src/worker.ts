@@ -2,116 +2,112 @@
  * Runs the command once, in a worker: arguments, files, standard output and exit code are those of a shell. The files
  * that a person chose are read in pieces, and written ones stay in memory.
  */
-import {
-  ConsoleStdout, Directory, Fd, File as Written, Inode, OpenFile, PreopenDirectory, WASI, wasi,
+import { ConsoleStdout, Directory, Fd, File as Written, Inode, OpenFile, PreopenDirectory, WASI, wasi,
 } from "@bjorn3/browser_wasi_shim";
-import type { Outcome, Progress, Run } from "./run";
+
+/** What the page and its worker say to each other. */
+export interface Run {
+  readonly module: WebAssembly.Module;
+  readonly args: readonly string[];
+  readonly files: ReadonlyMap<string, File>;
+}
+
+export interface Progress {
+  readonly read: number;
+}
+
+export interface Outcome {
+  readonly code: number;
+  readonly stdout: Uint8Array<ArrayBuffer>;
+  readonly stderr: string;
+  readonly files: ReadonlyMap<string, Uint8Array<ArrayBuffer>>;
+  /** Bytes of memory that the command had at its end. */
+  readonly memory: number;
+}
 
 const PIECE = 1 << 20;
-const ABORTED = 134;
+/** The exit code of a program that panicked. */
+const PANIC = 101;
 const reader = new FileReaderSync();
 let read = 0;
 let reported = 0;
 
-function count(bytes: number): void {
-  read += bytes;
-  const now = performance.now();
-  if (now - reported < 100) return;
-  reported = now;
-  postMessage({ read } satisfies Progress);
-}
-
 /** A file of the computer, which nothing can change. */
-class Chosen extends Inode {
-  constructor(readonly file: File) {
-    super();
+class Chosen extends Written {
+  constructor(readonly chosen: File) {
+    super([], { readonly: true });
   }
 
-  override path_open(flags: number): { ret: number; fd_obj: Fd | null } {
-    if (flags & wasi.OFLAGS_TRUNC) return { ret: wasi.ERRNO_ROFS, fd_obj: null };
-    return { ret: wasi.ERRNO_SUCCESS, fd_obj: new OpenChosen(this) };
+  override get size(): bigint {
+    return BigInt(this.chosen.size);
   }
 
-  override stat(): wasi.Filestat {
-    return new wasi.Filestat(this.ino, wasi.FILETYPE_REGULAR_FILE, BigInt(this.file.size));
+  override path_open(...how: Parameters<Written["path_open"]>): ReturnType<Written["path_open"]> {
+    const opened = super.path_open(...how);
+    return opened.ret === wasi.ERRNO_SUCCESS ? { ...opened, fd_obj: new OpenChosen(this) } : opened;
   }
 }
 
-class OpenChosen extends Fd {
-  private at = 0;
+class OpenChosen extends OpenFile {
   private piece = new Uint8Array();
   private start = 0;
 
-  constructor(private readonly chosen: Chosen) {
-    super();
+  constructor(override readonly file: Chosen) {
+    super(file);
   }
 
   override fd_pread(size: number, offset: bigint): { ret: number; data: Uint8Array } {
     const from = Number(offset);
     if (from < this.start || from >= this.start + this.piece.length) {
-      const slice = this.chosen.file.slice(from, from + PIECE);
       try {
-        this.piece = new Uint8Array(reader.readAsArrayBuffer(slice));
+        this.piece = new Uint8Array(reader.readAsArrayBuffer(this.file.chosen.slice(from, from + PIECE)));
       } catch {
         return { ret: wasi.ERRNO_IO, data: new Uint8Array() };
       }
       this.start = from;
-      count(this.piece.length);
+      read += this.piece.length;
+      const now = performance.now();
+      if (now > reported + 100) postMessage({ read } satisfies Progress);
+      if (now > reported + 100) reported = now;
     }
     return { ret: wasi.ERRNO_SUCCESS, data: this.piece.subarray(from - this.start, from - this.start + size) };
   }
 
   override fd_read(size: number): { ret: number; data: Uint8Array } {
-    const part = this.fd_pread(size, BigInt(this.at));
-    this.at += part.data.length;
+    const part = this.fd_pread(size, this.file_pos);
+    this.file_pos += BigInt(part.data.length);
     return part;
   }
 
   override fd_seek(offset: bigint, whence: number): { ret: number; offset: bigint } {
-    const base = whence === wasi.WHENCE_SET ? 0 : whence === wasi.WHENCE_CUR ? this.at : this.chosen.file.size;
-    const to = base + Number(offset);
-    if (to < 0) return { ret: wasi.ERRNO_INVAL, offset: 0n };
-    this.at = to;
-    return { ret: wasi.ERRNO_SUCCESS, offset: BigInt(to) };
-  }
-
-  override fd_tell(): { ret: number; offset: bigint } {
-    return { ret: wasi.ERRNO_SUCCESS, offset: BigInt(this.at) };
-  }
-
-  override fd_filestat_get(): { ret: number; filestat: wasi.Filestat } {
-    return { ret: wasi.ERRNO_SUCCESS, filestat: this.chosen.stat() };
-  }
-
-  override fd_fdstat_get(): { ret: number; fdstat: wasi.Fdstat } {
-    return { ret: wasi.ERRNO_SUCCESS, fdstat: new wasi.Fdstat(wasi.FILETYPE_REGULAR_FILE, 0) };
+    if (whence !== wasi.WHENCE_END) return super.fd_seek(offset, whence);
+    return super.fd_seek(this.file.size + offset, wasi.WHENCE_SET);
   }
 }
 
-/** The shim's own copies the whole file for each write: this one has room for as much again. */
+/** The shim's own copies the whole file for each write: this one makes room for as much again. */
 OpenFile.prototype.fd_write = function (this: OpenFile, data: Uint8Array): { ret: number; nwritten: number } {
   const at = Number(this.file_pos);
-  const size = Math.max(this.file.data.length, at + data.length);
   const old = this.file.data;
-  if (size > old.buffer.byteLength) this.file.data = new Uint8Array(Math.max(size, 2 * old.length, 1 << 16));
-  else this.file.data = new Uint8Array(old.buffer);
-  if (this.file.data.buffer !== old.buffer) this.file.data.set(old);
-  this.file.data = this.file.data.subarray(0, size);
+  const size = Math.max(old.length, at + data.length);
+  let room = new Uint8Array(old.buffer);
+  if (size > room.length) {
+    room = new Uint8Array(Math.max(size, 2 * old.length, 1 << 16));
+    room.set(old);
+  }
+  this.file.data = room.subarray(0, size);
   this.file.data.set(data, at);
   this.file_pos += BigInt(data.length);
   return { ret: wasi.ERRNO_SUCCESS, nwritten: data.length };
 };
 
 async function run({ module, args, files }: Run): Promise<Outcome> {
-  const folder = new Map<string, Inode>();
-  for (const [name, file] of files) folder.set(name, new Chosen(file));
-  const output = new OpenFile(new Written([]));
-  const errors = new OpenFile(new Written([]));
-  const console = (to: OpenFile): Fd => new ConsoleStdout((data) => to.fd_write(data));
+  const folder = new Map<string, Inode>([...files].map(([name, file]) => [name, new Chosen(file)]));
+  const [output, errors] = [new OpenFile(new Written([])), new OpenFile(new Written([]))];
+  const terminal = (to: OpenFile): Fd => new ConsoleStdout((data) => to.fd_write(data));
+  const descriptors = [new OpenFile(new Written([])), terminal(output), terminal(errors), new PreopenDirectory("/", folder)];
   const all = ["isotherm", ...args];
-  const shell = new WASI(all, [], [
-    new OpenFile(new Written([])), console(output), console(errors), new PreopenDirectory(".", folder),
-  ], { debug: false });
+  const shell = new WASI(all, [], descriptors, { debug: false });
   // The shim counts UTF-16 units where the command wants bytes.
   shell.wasiImport["args_sizes_get"] = (count: number, size: number): number => {
     const memory = new DataView(shell.inst.exports.memory.buffer);
@@ -119,37 +115,26 @@ async function run({ module, args, files }: Run): Promise<Outcome> {
     memory.setUint32(size, new TextEncoder().encode(`${all.join("\0")}\0`).length, true);
     return wasi.ERRNO_SUCCESS;
   };
-  const instance = await WebAssembly.instantiate(module, {
-    wasi_snapshot_preview1: shell.wasiImport as WebAssembly.ModuleImports,
-  });
-  const exports = instance.exports as { memory: WebAssembly.Memory; _start: () => unknown };
-  let code: number;
+  const imports = { wasi_snapshot_preview1: shell.wasiImport as WebAssembly.ModuleImports };
+  const exports = (await WebAssembly.instantiate(module, imports)).exports as Parameters<WASI["start"]>[0]["exports"];
+  let code = PANIC;
   let words = "";
   try {
     code = shell.start({ exports });
   } catch (error) {
-    code = ABORTED;
-    words = `isotherm: ended: ${String(error)}\n`;
+    words = `isotherm: ${String(error)}\n`;
   }
   return {
-    code,
-    stdout: output.file.data.slice(),
-    stderr: new TextDecoder().decode(errors.file.data) + words,
-    files: written("", folder),
-    memory: exports.memory.buffer.byteLength,
+    code, stdout: output.file.data.slice(), stderr: new TextDecoder().decode(errors.file.data) + words,
+    files: written("", folder), memory: exports.memory.buffer.byteLength,
   };
 }
 
 function written(path: string, folder: ReadonlyMap<string, Inode>): Map<string, Uint8Array<ArrayBuffer>> {
-  const found = new Map<string, Uint8Array<ArrayBuffer>>();
-  for (const [name, inode] of folder) {
-    if (inode instanceof Written) found.set(path + name, inode.data.slice());
-    if (inode instanceof Directory) for (const [inner, data] of written(`${path}${name}/`, inode.contents)) found.set(inner, data);
-  }
-  return found;
+  return new Map([...folder].flatMap(([name, inode]): [string, Uint8Array<ArrayBuffer>][] => {
+    if (inode instanceof Directory) return [...written(`${path}${name}/`, inode.contents)];
+    return inode instanceof Written && !(inode instanceof Chosen) ? [[path + name, inode.data.slice()]] : [];
+  }));
 }
 
-onmessage = async (event: MessageEvent<Run>): Promise<void> => {
-  const outcome = await run(event.data);
-  postMessage(outcome, { transfer: [outcome.stdout.buffer, ...[...outcome.files.values()].map((data) => data.buffer)] });
-};
+onmessage = async (event: MessageEvent<Run>): Promise<void> => postMessage(await run(event.data));
