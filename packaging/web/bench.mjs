@@ -18,7 +18,8 @@ function long_ulog(name, bytes) {
   let begin = 16;
   const messages = [];
   for (let at = begin; at + 3 <= log.length; at += 3 + log.readUInt16LE(at)) {
-    if (log[at + 2] === 0x44) messages.push(at + 5);
+    // Data: the time, and in sensor_accel and sensor_gyro that of the sample behind it.
+    if (log[at + 2] === 0x44) messages.push(at + 5, ...(log.readUInt16LE(at + 3) < 2 ? [at + 13] : []));
     else if (messages.length === 0) begin = at + 3 + log.readUInt16LE(at);
   }
   writeSync(file, log.subarray(0, begin));

@@ -72,10 +72,9 @@ export class IsothermPage {
     await section.waitFor();
     const [kind, data] = await section.evaluate((it) => [it.id, { ...it.dataset }]);
     const outputs = new Map();
-    for (const link of kind === "result" ? await this.page.locator("[data-output]").all() : []) {
-      const waiting = this.page.waitForEvent("download");
-      await link.click();
-      outputs.set(await link.getAttribute("data-output"), await (await waiting).path());
+    for (const link of kind === "result" ? await section.locator("[data-output]").all() : []) {
+      const [download] = await Promise.all([this.page.waitForEvent("download"), link.click()]);
+      outputs.set(await link.getAttribute("data-output"), await download.path());
     }
     return { kind, ...data, code: Number(data.code), words: await this.page.textContent("#words"), printed: kind === "result" ? await this.page.textContent("#printed") : "", outputs };
   }

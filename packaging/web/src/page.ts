@@ -123,14 +123,15 @@ async function run(args: readonly string[], on_read?: (bytes: number) => void): 
 /* Files, and what was found in them */
 
 async function take(chosen: Iterable<File>): Promise<void> {
-  files.clear();
+  // A table or a mapping joins the files that are there.
+  if (![...chosen].some((file) => file.name.endsWith(".toml"))) files.clear();
   for (const file of chosen) {
     let name = file.name;
     for (let n = 2; files.has(name); n += 1) name = file.name.replace(/(\.[^.]*)?$/, ` (${n})$1`);
     files.set(name, file);
   }
-  if (files.size === 0) return;
   found = [];
+  if (files.size === 0) return;
   const outcome = await execute("looking", ["describe", ...[...files.keys()].map(argument), "--json"]);
   try {
     if (outcome) found = (JSON.parse(text(outcome.stdout)) as { files: readonly Found[] }).files;
@@ -163,10 +164,21 @@ function card(one: Found): HTMLElement {
     h("h3", { lang: "en" }, one.file, h("span", { class: "tag" }, one.format)),
     ...one.imus.map((imu) => h("dl", {}, ...FACTS.filter((name) => at(imu, name) !== null).map((name) =>
       h("div", {}, h("dt", {}, word(name)), h("dd", {}, name === "temperature" ? span(imu) : cell(at(imu, name))))))),
-    !!one.error && h("p", { class: "bad", lang: "en" }, one.error),
+    !!one.error && h("pre", { class: "bad", lang: "en", tabindex: "0" }, one.error), proposal(one.error ?? ""),
     good.length > 0 && h("p", {}, word("good_for", { jobs: good.map((each) => word(each.job)).join(word("comma")) })),
     findings(one.findings),
     ...one.notes.map((note) => h("p", { class: "muted", lang: "en" }, note)));
+}
+
+/** The mapping that the command proposes for a text of columns, to be saved. */
+function proposal(words: string): HTMLElement {
+  const mapping = /^format = 1\n[^]*/m.exec(words)?.[0];
+  return h("p", { hidden: !mapping }, word("proposal"), " ", link("mapping.toml", new TextEncoder().encode(mapping ?? "")));
+}
+
+function link(name: string, data: Uint8Array<ArrayBuffer>): HTMLElement {
+  const href = URL.createObjectURL(new Blob([data]));
+  return h("a", { href, download: name.replaceAll("/", "-"), "data-output": name, lang: "en" }, name);
 }
 
 function span(imu: Json): string {
@@ -232,10 +244,11 @@ function field(one: Job, option: Option): HTMLElement {
     h("p", { id: `help-${name}`, class: "muted" }, option.long_help.replace(option.help, "").trim()));
 }
 
-/** The first file's name as the name of an IMU. */
+/** A name for the IMU: that of its table, or one made of the first file's. */
 function stem(): string {
-  const name = [...files.keys()][0]?.replace(/\.[^.]*$/, "").toLowerCase().replace(/[^a-z0-9_-]+/g, "-");
-  return name?.slice(0, 32).replace(/^-+|-+$/g, "") || "imu";
+  const imu = at(found.find((file) => file.kind === "table")?.imus[0] ?? null, "imu");
+  const name = [...files.keys()][0]?.replace(/\.[^.]*$/, "").toLowerCase().replace(/[^a-z0-9_-]+/g, "-").slice(0, 32);
+  return imu ? String(imu) : name?.replace(/^-+|-+$/g, "") || "imu";
 }
 
 function value_of(name: string | null): string {
@@ -338,12 +351,10 @@ async function result(one: Job, outcome: Outcome): Promise<void> {
     element("code").hidden = outcome.code === 0;
     element("printed").textContent = json === null ? printed : "";
     element("figures").replaceChildren(...documents(json).flatMap((document) => figures(one, document)));
-    const found = documents(json).map((document) => (at(document, "findings") ?? []) as unknown as readonly Finding[]);
-    element("findings").replaceChildren(...found.map(findings));
+    const all = documents(json).map((document) => (at(document, "findings") ?? []) as unknown as readonly Finding[]);
+    element("findings").replaceChildren(...all.map(findings));
     element("said").hidden = !outcome.stderr;
-    element("downloads").replaceChildren(...[...outputs].map(([name, data]) => h("li", {}, h("a", {
-      href: URL.createObjectURL(new Blob([data])), download: name.replaceAll("/", "-"), "data-output": name, lang: "en",
-    }, name), size(data.length))));
+    for (const [name, data] of outputs) element("downloads").append(h("li", {}, link(name, data), size(data.length)));
     element("report").hidden = !report;
     if (report) section.querySelector("iframe")!.srcdoc = text(report[1]);
   });
