@@ -7,6 +7,7 @@ use isotherm_fit::observable;
 use isotherm_pipeline::CampaignFile;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
 use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
+use isotherm_ros2::NodeDescription;
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -20,6 +21,7 @@ pub(super) fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result
         FileKind::Campaign => campaign(text, path),
         FileKind::Mapping => mapping(text, path),
         FileKind::Source => source(text, path),
+        FileKind::Node => node(text, path),
         FileKind::Configuration | FileKind::Table => {
             Err(Failure::new(Exit::Usage, format!("{}: {} is not a file of the laboratory", shown(path), kind.name())))
         }
@@ -71,6 +73,12 @@ fn mapping(text: &str, path: &Path) -> Result<String, Failure> {
 
 fn source(text: &str, path: &Path) -> Result<String, Failure> {
     let description = Description::from_toml(text);
+    let description = description.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    Ok(description.summary())
+}
+
+fn node(text: &str, path: &Path) -> Result<String, Failure> {
+    let description = NodeDescription::from_toml(text, path.parent().unwrap_or(Path::new("")));
     let description = description.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok(description.summary())
 }
