@@ -140,8 +140,11 @@ class World:
         return node
 
     def isotherm(self, *arguments):
+        return self.run("isotherm", *arguments)
+
+    def run(self, program, *arguments):
         done = subprocess.run(
-            [BUILT / "isotherm", *map(str, arguments)], env=self.env, cwd=self.folder, text=True, capture_output=True, timeout=300
+            [BUILT / program, *map(str, arguments)], env=self.env, cwd=self.folder, text=True, capture_output=True, timeout=300
         )
         assert done.returncode == 0, f"{arguments}: {done.returncode}\n{done.stderr}"
         return done.stdout

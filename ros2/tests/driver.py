@@ -12,6 +12,7 @@ def add_arguments(parser):
     parser.add_argument("--nan", help="periods whose force is no number", **numbers)
     parser.add_argument("--foreign", help="periods of another frame", **numbers)
     parser.add_argument("--absurd", help="periods with a stamp of 1970", **numbers)
+    parser.add_argument("--now", action="store_true", help="stamps are when it publishes, not when it should")
     parser.add_argument("--behind", type=float, default=0.0, help="by how much the driver's clock is behind, in s")
 
 
@@ -34,6 +35,8 @@ def drive(arguments, publish):
         while time.monotonic_ns() < due:
             time.sleep(max(0.0, (due - time.monotonic_ns()) / 1e9))
         found = message(period) | {"stamp_ns": unix_ns + period * interval_ns}
+        if arguments.now:
+            found["stamp_ns"] = time.time_ns()
         if period in arguments.nan:
             found["force"] = [float("nan")] * 3
         if period in arguments.foreign:

@@ -8,6 +8,7 @@ drive TOPIC TYPE        publishes what driver.py makes up, likewise
 import argparse
 import json
 import sys
+import time
 
 import driver
 import rclpy
@@ -70,6 +71,8 @@ def main():
     parser.add_argument("type", choices=TYPES)
     parser.add_argument("--best-effort", action="store_true")
     parser.add_argument("--depth", type=int, default=2000)
+    parser.add_argument("--latencies", type=int, help="print those of so many messages, and end")
+    parser.add_argument("--after", type=int, default=0, help="so many messages")
     driver.add_arguments(parser)
     arguments = parser.parse_args()
     reliability = ReliabilityPolicy.BEST_EFFORT if arguments.best_effort else ReliabilityPolicy.RELIABLE
@@ -86,7 +89,17 @@ def main():
         def take(message):
             print(json.dumps(fields(message)), flush=True)
 
-        node.create_subscription(TYPES[arguments.type], arguments.topic, take, qos)
+        latencies = {"of_stamp_us": [], "of_source_us": []}
+
+        def measure(message, info):
+            now = time.time_ns()
+            latencies["of_stamp_us"].append((now - stamp_ns(message.header)) / 1e3)
+            latencies["of_source_us"].append((now - info["source_timestamp"]) / 1e3)
+            if len(latencies["of_stamp_us"]) == arguments.latencies + arguments.after:
+                print(json.dumps({key: all[arguments.after :] for key, all in latencies.items()}), flush=True)
+
+        called = measure if arguments.latencies else take
+        node.create_subscription(TYPES[arguments.type], arguments.topic, called, qos)
         print("ready", flush=True)
         rclpy.spin(node)
     publisher = node.create_publisher(TYPES[arguments.type], arguments.topic, qos)

@@ -85,3 +85,29 @@ def test_the_nodes_own_topic_is_refused_as_its_input(world):
     node = world.start([world.built / "isotherm-ros2", world.write("node.toml", own)])
     assert node.process.wait(timeout=60) == 78
     node.wait_for("is what this node publishes")
+
+
+def test_a_topic_of_another_type_is_said(world):
+    recorder, node = begin(world)
+    world.peer("fastdds", "subscribe", "/driver/imu/data_raw", "Temperature").wait_for("ready")
+    node.wait_for("/driver/imu/data_raw is of type sensor_msgs::msg::dds_::Temperature_ elsewhere")
+    assert node.end() == 0 and recorder.end() == 0
+
+
+def test_a_thermometer_is_heard_and_one_that_is_no_number_counted(world):
+    own = NODE.replace("temperature_c = 25.0", 'temperature_topic = "/driver/imu/temperature"')
+    recorder, node = begin(world, own)
+    thermometer = world.peer("fastdds", "publish", "/driver/imu/temperature", "Temperature")
+    thermometer.wait_for("matched")
+    driver = world.peer("fastdds", *DRIVER, "--count", "2000")
+    driver.wait_for("matched")
+    # What comes before the first temperature is no sample.
+    node.wait_for("comes before the first temperature")
+    for temperature in (float("nan"), 31.5):
+        thermometer.send({"stamp_ns": 0, "temperature": temperature})
+    driver.wait_for("driven")
+    node.wait_until(lambda: world.status()["imus"][0]["compensated"] > 100, "samples")
+    assert node.end() == 0 and recorder.end() == 0
+    recorded, _ = replayed(world)
+    assert {row["a1_head"] for row in recorded} == {"31.5"}
+    assert "2 temperatures, 1 bad" in node.log()

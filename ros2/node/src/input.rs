@@ -17,6 +17,7 @@ use std::thread::{self, JoinHandle};
 /// A driver that is an IMU.
 pub(crate) struct Input {
     pub(crate) imu: ImuId,
+    topics: Vec<(String, (&'static str, &'static str), Notice)>,
     gate: Arc<Mutex<InputGate>>,
     thread: Option<JoinHandle<Result<Tally, Failure>>>,
 }
@@ -35,9 +36,11 @@ impl Input {
         let imu = settings.samples.imu.clone();
         let gate = Arc::new(Mutex::new(InputGate::new(settings)));
         let queue = MessageQueue::default();
+        let mut topics = vec![(settings.topic.clone(), IMU, Notice::default())];
         match &settings.temperature {
             TemperatureOrigin::Topic(topic) => {
                 let subscription = network.subscription::<TemperatureMessage>(topic, TEMPERATURE, settings.queue)?;
+                topics.push((topic.clone(), TEMPERATURE, Notice::default()));
                 let gate = Arc::clone(&gate);
                 started("thermometer", move || take_temperatures(&subscription, &gate))?;
             }
@@ -69,12 +72,24 @@ impl Input {
             tell: |tally| tell("isotherm-ros2", tally),
         };
         let thread = started("acquisition", move || run(&description, run_settings))?;
-        Ok(Self { imu, gate, thread: Some(thread) })
+        Ok(Self { imu, topics, gate, thread: Some(thread) })
     }
 
     /// Whether the acquisition has ended by itself.
     pub(crate) fn has_ended(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Says if others use its topics under another type.
+    pub(crate) fn look(&mut self, network: &Network) {
+        for (topic, own, notice) in &mut self.topics {
+            if let Some(other) = network.other_type(topic, *own) {
+                let (package, message) = own;
+                notice.tell(|| {
+                    format!("warning: {topic} is of type {other} elsewhere, and {package}/{message} is asked for: nothing comes")
+                });
+            }
+        }
     }
 
     /// What was counted.

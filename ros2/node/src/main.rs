@@ -66,7 +66,7 @@ fn run(arguments: &NodeArguments) -> Result<(), Failure> {
     info!(domain = domain.name(), ros_domain_id = settings.domain_id, "{}", description.summary());
     while !end.load(Ordering::Relaxed) && !inputs.iter().any(Input::has_ended) {
         std::thread::sleep(LOOK);
-        reporter.turn(&outputs, &inputs, &network);
+        reporter.turn(&outputs, &mut inputs, &network);
     }
     end.store(true, Ordering::Relaxed);
     let failures = inputs.iter_mut().filter_map(|input| input.finish().err());

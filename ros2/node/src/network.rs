@@ -12,6 +12,7 @@ use std::thread;
 
 /// A node in the network.
 pub(crate) struct Network {
+    context: Context,
     node: Node,
 }
 
@@ -34,7 +35,7 @@ impl Network {
         let name = name.map_err(|error| Failure::new(Exit::Config, format!("name of the node: {error}")))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
         let node = context.new_node(name, options).map_err(|error| failed(&error))?;
-        Ok(Self { node })
+        Ok(Self { context, node })
     }
 
     /// A publisher of a topic.
@@ -88,6 +89,14 @@ impl Network {
         };
         let thread = thread::Builder::new().name("graph".to_owned()).spawn(body);
         thread.map(drop).map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))
+    }
+
+    /// The type under which others use a topic, if that is not this one: then nothing of theirs comes.
+    pub(crate) fn other_type(&self, topic: &str, (package, message): (&str, &str)) -> Option<String> {
+        let own = MessageTypeName::new(package, message).dds_msg_type();
+        let topics = self.context.discovered_topics().into_iter();
+        let others = topics.filter(|found| found.name.strip_prefix("rt") == Some(topic) && found.type_name != own);
+        others.map(|found| found.type_name).next()
     }
 
     /// How many subscribers a topic has.

@@ -77,7 +77,7 @@ impl Reporter {
     }
 
     /// Looks at all, and says what is due.
-    pub(crate) fn turn(&mut self, outputs: &[Output], inputs: &[Input], network: &Network) {
+    pub(crate) fn turn(&mut self, outputs: &[Output], inputs: &mut [Input], network: &Network) {
         let now = Instant::now();
         if let Some(step_ns) = self.unix.look() {
             warn!("Unix time was set by {:+.6} s; the stamps follow it", step_ns as f64 / 1e9);
@@ -110,6 +110,7 @@ impl Reporter {
         if now - self.published >= PUBLISHED {
             self.published = now;
             self.publish_diagnostics(outputs);
+            inputs.iter_mut().for_each(|input| input.look(network));
         }
         if now - self.told >= TOLD {
             self.told = now;
