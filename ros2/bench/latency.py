@@ -64,7 +64,7 @@ def with_world(run):
 
 def direct(rate, count):
     def run(world):
-        subscriber = world.peer("fastdds", "subscribe", "/driver/imu/data_raw", "Imu", "--latencies", str(count))
+        subscriber = world.peer("fastdds", "subscribe", "/driver/imu/data_raw", "Imu", "--latencies", str(count - rate))
         subscriber.wait_for("ready")
         world.peer("fastdds", "drive", "/driver/imu/data_raw", "Imu", "--now", "--rate", str(rate), "--count", str(count))
         shown("rclpy to rclpy", rate, latencies(subscriber))
@@ -79,8 +79,9 @@ def through(rate, count):
         node = world.node(world.write("node.toml", NODE.format(interval=1 / rate)))
         node.wait_for("connected to the service")
         # The first samples wait until the rate is known.
-        some = count - rate
-        subscriber = world.peer("fastdds", "subscribe", "/imu_mems/imu/data_raw", "Imu", "--latencies", str(some), "--after", str(rate))
+        some, after = count - 2 * rate, rate
+        wanted = ["--latencies", str(some), "--after", str(after)]
+        subscriber = world.peer("fastdds", "subscribe", "/imu_mems/imu/data_raw", "Imu", *wanted)
         node.wait_for("/imu_mems/imu/data_raw: 1 subscribers")
         driver = world.peer("fastdds", "drive", "/driver/imu/data_raw", "Imu", "--now", "--rate", str(rate), "--count", str(count))
         driver.wait_for("matched")
@@ -97,7 +98,7 @@ def through(rate, count):
 def bare(rate, count):
     def run(world):
         program = BUILT / "examples/bare"
-        subscriber = world.start([program, "subscribe", str(count)])
+        subscriber = world.start([program, "subscribe", str(count - rate)])
         subscriber.wait_for("ready")
         publisher = world.start([program, "publish", str(rate), str(count)])
         publisher.wait_for("matched")

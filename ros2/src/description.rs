@@ -442,7 +442,7 @@ mod tests {
         for part in [
             "ros2.name",
             "rotation: is no rotation",
-            "publish.frames: unknown key",
+            "publish.1.frames: unknown key",
             "topic: does not begin",
             "interval_s",
             "temperature_topic: missing",

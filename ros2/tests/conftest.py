@@ -58,7 +58,7 @@ class Running:
         while not holds():
             left = deadline - time.monotonic()
             if left <= 0 or self.process.poll() is not None and self.new.empty():
-                shown = "\n".join(self.lines[-30:])
+                shown = "\n".join(line[:200] for line in self.lines[-10:])
                 pytest.fail(f"{self.name}: {what} did not come ({self.process.poll()}):\n{shown}")
             try:
                 self.new.get(timeout=min(left, 0.5))

@@ -29,6 +29,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tracing::info;
 
+/// The transport sends in a thread of its own, and does not say when it has: so long it gets at the end.
+const LAST: Duration = Duration::from_millis(100);
 /// Pause between two looks at the status and the end.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -72,6 +74,7 @@ fn run(arguments: &NodeArguments) -> Result<(), Failure> {
     let failures = inputs.iter_mut().filter_map(|input| input.finish().err());
     let failures: Vec<_> = failures.chain(outputs.iter_mut().filter_map(|output| output.finish().err())).collect();
     reporter.tell(&outputs, &inputs);
+    std::thread::sleep(LAST);
     info!("stopped");
     Failure::all(failures).map_or(Ok(()), Err)
 }
