@@ -19,6 +19,7 @@ use crate::dialogue::DialogueStep;
 use crate::frames::Frame;
 use crate::iio::IioSettings;
 use crate::lines::Line;
+use crate::messages::{MessageQueue, MessageStamps};
 use crate::sample::Columns;
 use columns::Names;
 use isotherm_client::{ImuId, Realtime, device};
@@ -68,6 +69,8 @@ pub(crate) enum Kind {
     Lines(Port, Line),
     /// A buffer of Linux' Industrial I/O.
     Iio(IioSettings),
+    /// Messages that another part of the program receives.
+    Messages(MessageQueue, MessageStamps),
 }
 
 #[derive(Clone, Copy, Eq, PartialEq)]
@@ -125,6 +128,9 @@ impl Description {
                 settings.devices = vec![device.display().to_string()];
                 return Ok(());
             }
+            Kind::Messages(..) => {
+                return Err(Failure::new(Exit::Usage, "messages have no device: leave --device out"));
+            }
         };
         match port {
             _ if device == Path::new("-") => *port = Port::Stdin,
@@ -140,11 +146,11 @@ impl Description {
         Ok(())
     }
 
-    /// Where the bytes come from; `None` for IIO.
+    /// Where the bytes come from; `None` for IIO and messages.
     pub(crate) const fn port(&self) -> Option<&Port> {
         match &self.kind {
             Kind::Frames(port, _) | Kind::Lines(port, _) => Some(port),
-            Kind::Iio(_) => None,
+            Kind::Iio(_) | Kind::Messages(..) => None,
         }
     }
 
@@ -171,6 +177,7 @@ impl Description {
             Kind::Frames(port, _) => format!("frames from {port}"),
             Kind::Lines(port, _) => format!("lines from {port}"),
             Kind::Iio(settings) => format!("IIO, {}", settings.devices.join(" and ")),
+            Kind::Messages(..) => "messages".to_owned(),
         };
         format!("source of {}: {from}, {sensors} at {rate} Hz", self.imu)
     }

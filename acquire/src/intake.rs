@@ -115,7 +115,7 @@ impl Intake {
         let timeline = Timeline::new(timing.interval_ns, timing.counter.map(|(_, counter)| counter), clock);
         let port = match &description.kind {
             Kind::Frames(port, _) | Kind::Lines(port, _) => Some(port),
-            Kind::Iio(_) => None,
+            Kind::Iio(_) | Kind::Messages(..) => None,
         };
         let is_datagrams = matches!(port, Some(Port::Udp(_)));
         let ends = matches!(port, Some(Port::File { .. } | Port::Stdin));

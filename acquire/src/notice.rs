@@ -7,8 +7,17 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_secs(60);
 
 /// Something that may recur often.
+///
+/// ```
+/// use isotherm_acquire::Notice;
+///
+/// let mut notice = Notice::default();
+/// for _ in 0..1000 {
+///     notice.tell(|| "warning: the disk is full".to_owned()); // once
+/// }
+/// ```
 #[derive(Debug, Default)]
-pub(crate) struct Notice {
+pub struct Notice {
     /// When it was told last, and how often at once.
     told: Option<(Instant, u32)>,
     /// So many more are told at once.
@@ -19,13 +28,14 @@ pub(crate) struct Notice {
 
 impl Notice {
     /// One of which so many are told at once, one after the other.
-    pub(crate) const fn of(many: u32) -> Self {
+    #[must_use]
+    pub const fn of(many: u32) -> Self {
         Self { told: None, more: many.saturating_sub(1), untold: 0 }
     }
 
     /// Tells what has happened, unless that was told within the last minute. A later line has the number of those that
     /// were not told.
-    pub(crate) fn tell(&mut self, text: impl FnOnce() -> String) {
+    pub fn tell(&mut self, text: impl FnOnce() -> String) {
         let (is_late, told) = self.told.map_or((true, 0), |(told, times)| (told.elapsed() >= PAUSE, times));
         if !is_late && told > self.more {
             self.untold += 1;
@@ -40,7 +50,7 @@ impl Notice {
     }
 
     /// Tells of the next one at once.
-    pub(crate) fn is_over(&mut self) {
+    pub fn is_over(&mut self) {
         *self = Self { told: None, more: self.more, untold: 0 };
     }
 }

@@ -115,7 +115,7 @@ fn candidates() -> Vec<Candidate> {
         let has_checksum = match &description.kind {
             Kind::Frames(_, frame) => frame.checksum.is_some(),
             Kind::Lines(_, line) => line.checksum,
-            Kind::Iio(_) => false,
+            Kind::Iio(_) | Kind::Messages(..) => false,
         };
         let decoder = StreamDecoder::new(&description)?;
         Some(Candidate { profile, decoder, frames: 0, first_ns: 0, last_ns: 0, has_checksum })

@@ -1,10 +1,11 @@
-//! The source of rows: bytes through a decoder, or the buffers of IIO.
+//! The source of rows: bytes through a decoder, the buffers of IIO, or messages.
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{DecodedFrame, FrameArrival};
 use crate::identity::Recognition;
 use crate::iio::{self, IioClock, IioFault, IioSource};
 use crate::intake::{Intake, RowArrival};
+use crate::messages::Messages;
 use crate::notice::Notice;
 use crate::number::Value;
 use crate::port::{OpenPort, PendingPort, PortRead, name_of, open_port, refused};
@@ -28,6 +29,7 @@ const TOLD: u32 = 10;
 pub(crate) enum Source {
     Bytes(Box<Bytes>),
     Iio(Box<Scans>),
+    Messages(Messages),
 }
 
 /// What reading has brought.
@@ -84,7 +86,8 @@ impl Source {
         end: &AtomicBool,
     ) -> Result<Self, Failure> {
         let recognition = Recognition::new(description, has_sent);
-        if !matches!(description.port(), Some(Port::File { .. } | Port::Stdin)) {
+        let has_device = !matches!(description.kind, Kind::Messages(..));
+        if has_device && !matches!(description.port(), Some(Port::File { .. } | Port::Stdin)) {
             recognition.announce();
         }
         match &description.kind {
@@ -97,6 +100,7 @@ impl Source {
                 let (polled_ns, empty_ns) = (None, monotonic_ns());
                 Ok(Self::Iio(Box::new(Scans { root: sysfs, settings, open, row, polled_ns, empty_ns, unpaired: 0 })))
             }
+            Kind::Messages(queue, stamps) => Ok(Self::Messages(Messages::new(queue, *stamps))),
         }
     }
 
@@ -107,7 +111,7 @@ impl Source {
                 Port::Serial(serial) => serial.character_s() * 1e9,
                 _ => 0.0,
             },
-            Self::Iio(_) => 0.0,
+            Self::Iio(_) | Self::Messages(_) => 0.0,
         }
     }
 
@@ -115,7 +119,7 @@ impl Source {
     pub(crate) fn is_live(&self) -> bool {
         match self {
             Self::Bytes(bytes) => bytes.is_live(),
-            Self::Iio(_) => true,
+            Self::Iio(_) | Self::Messages(_) => true,
         }
     }
 
@@ -124,11 +128,15 @@ impl Source {
         match self {
             Self::Bytes(_) => false,
             Self::Iio(scans) => scans.open.as_ref().is_none_or(|open| *open.clock() == IioClock::Monotonic),
+            Self::Messages(messages) => messages.is_stamped(),
         }
     }
 
     /// Waits up to `longest` until there is something to read.
     pub(crate) fn wait(&self, longest: Duration) {
+        if let Self::Messages(messages) = self {
+            return messages.queue().wait(longest);
+        }
         let Ok(longest) = Timespec::try_from(longest) else { return };
         // The result is not used: a read tells what there is.
         let _ = match self {
@@ -150,6 +158,7 @@ impl Source {
                 }
                 None => poll(&mut [], Some(&longest)),
             },
+            Self::Messages(_) => return,
         };
     }
 
@@ -158,6 +167,7 @@ impl Source {
         match self {
             Self::Bytes(bytes) => bytes.open.is_some(),
             Self::Iio(scans) => scans.open.is_some(),
+            Self::Messages(_) => true,
         }
     }
 
@@ -167,7 +177,7 @@ impl Source {
             Self::Bytes(bytes) => {
                 bytes.lose(why, intake, sink);
             }
-            Self::Iio(_) => {}
+            Self::Iio(_) | Self::Messages(_) => {}
         }
     }
 
@@ -183,6 +193,10 @@ impl Source {
         match self {
             Self::Bytes(bytes) => bytes.read(intake, sink),
             Self::Iio(scans) => scans.read(intake, sink),
+            Self::Messages(messages) => {
+                messages.read(intake, sink);
+                Ok(SourceState::Open)
+            }
         }
     }
 
@@ -197,7 +211,7 @@ impl Source {
                     tell("isotherm", format!("{} is back", scans.settings.devices.join(" and ")));
                 }
             }
-            Self::Iio(_) => {}
+            Self::Iio(_) | Self::Messages(_) => {}
         }
     }
 
@@ -221,6 +235,7 @@ impl Source {
                 let open = scans.open.as_ref().map_or(0, |open| open.counters().unpaired);
                 intake.tally.unpaired = scans.unpaired + open;
             }
+            Self::Messages(_) => {}
         }
     }
 }

@@ -28,13 +28,13 @@ enum Form {
 }
 
 impl StreamDecoder {
-    /// A decoder at the beginning of a stream; `None` for IIO, which has scans.
+    /// A decoder at the beginning of a stream; `None` for IIO, which has scans, and for messages.
     #[must_use]
     pub fn new(description: &Description) -> Option<Self> {
         match &description.kind {
             Kind::Frames(_, frame) => Some(Self(Form::Frames(Box::new(Decoder::new((**frame).clone()))))),
             Kind::Lines(_, line) => Some(Self(Form::Lines(LineDecoder::new(line.clone())))),
-            Kind::Iio(_) => None,
+            Kind::Iio(_) | Kind::Messages(..) => None,
         }
     }
 

@@ -92,6 +92,7 @@ mod status;
 pub mod sync;
 mod tap;
 pub mod transport;
+mod unix_time;
 mod warning;
 
 pub use acquisition::answers::LateAnswers;
@@ -129,3 +130,4 @@ pub use resources::{check_descriptors, check_room, reserve};
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};
 pub use transport::ports::Payload;
+pub use unix_time::{UnixClock, UnixOffset};

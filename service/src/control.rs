@@ -22,7 +22,7 @@ use crate::worker::Worker;
 use crate::worker::counters::CounterReader;
 use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::IpcNode;
-use isotherm_client::{clock_offset_ns, monotonic_ns, pid_namespace, process_kb, removed_object, unix_s};
+use isotherm_client::{UnixClock, clock_offset_ns, monotonic_ns, pid_namespace, process_kb, removed_object, unix_s};
 use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -95,6 +95,7 @@ struct Service<'a> {
     config: &'a Config,
     started: Instant,
     started_unix_s: f64,
+    unix_clock: UnixClock,
     events: Arc<EventQueue>,
     lock: DomainLock,
     /// `None` when it has been removed.
@@ -140,6 +141,7 @@ impl<'a> Service<'a> {
             config,
             started,
             started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
+            unix_clock: UnixClock::new(),
             events,
             lock,
             mark: Some(mark),
@@ -249,6 +251,9 @@ impl<'a> Service<'a> {
             let request = self.imus[number].take_anchor();
             self.keep(number, request);
         }
+        if let Some(step_ns) = self.unix_clock.look() {
+            info!("Unix time was set by {:+.6} s; increments do not follow it", step_ns as f64 / 1e9);
+        }
         self.log_silent_folders();
         self.logged.dropped_lines.report();
         if self.mark.as_mut().is_some_and(StartMark::remove_after_a_second) {
@@ -313,6 +318,9 @@ impl<'a> Service<'a> {
             pid: std::process::id(),
             pid_namespace: pid_namespace(),
             clock_offset_ns: clock_offset_ns(),
+            unix_offset_ns: self.unix_clock.offset().offset_ns,
+            unix_offset_uncertainty_ns: self.unix_clock.offset().uncertainty_ns,
+            unix_steps: self.unix_clock.steps(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             uptime_s: self.started.elapsed().as_secs_f64(),
             started_unix_s: self.started_unix_s,

@@ -82,10 +82,16 @@ impl Write for LineWriter {
 /// Starts logging. `ISOTHERM_LOG` filters it, `info` by default: a level, or levels by target, as in
 /// `ISOTHERM_LOG=debug,iceoryx2_bb_loggers=warn`.
 pub fn start(format: LogFormat) {
+    start_beside(format, &[]);
+}
+
+/// As [`start`], but only errors of these targets are logged by default: libraries that say more than an operator needs.
+pub fn start_beside(format: LogFormat, quiet: &[&str]) {
     let requested = env::var("ISOTHERM_LOG").ok().and_then(|filter| filter.parse::<Targets>().ok());
     // The transport filters by its own level before it hands records on.
     set_log_level(if requested.is_some() { LogLevel::Trace } else { LogLevel::Warn });
-    let filter = requested.unwrap_or_else(|| Targets::new().with_default(Level::INFO));
+    let quiet = quiet.iter().map(|target| (*target, Level::ERROR));
+    let filter = requested.unwrap_or_else(|| Targets::new().with_default(Level::INFO).with_targets(quiet));
     start_queue();
     let lines = fmt::layer().with_writer(|| LineWriter).log_internal_errors(false);
     let colours = io::stderr().is_terminal();

@@ -13,6 +13,8 @@ pub enum FileKind {
     Mapping,
     /// The description of an acquisition's source.
     Source,
+    /// The description of a node of ROS 2.
+    Node,
     /// A configuration of the service.
     Configuration,
     /// A coefficient table.
@@ -32,6 +34,8 @@ impl FileKind {
             Some(Self::Plan)
         } else if has(&["position", "ramp", "samples", "gravity_reference"]) {
             Some(Self::Campaign)
+        } else if has(&["publish", "subscribe", "ros2"]) {
+            Some(Self::Node)
         } else if has(&["source", "timing", "frame", "lines", "iio"]) {
             Some(Self::Source)
         } else if has(&["accelerometer", "time"]) || document.has("gyroscope") && !document.is_list("gyroscope") {
@@ -54,6 +58,7 @@ impl FileKind {
             Self::Campaign => "a campaign file",
             Self::Mapping => "a mapping",
             Self::Source => "the description of a source",
+            Self::Node => "the description of a node of ROS 2",
             Self::Configuration => "a service configuration",
             Self::Table => "a coefficient table",
         }

@@ -63,6 +63,16 @@ pub struct ServiceStatus {
     /// containers.
     #[serde(default)]
     pub clock_offset_ns: i64,
+    /// How far Unix time is ahead of `CLOCK_MONOTONIC` of the service \[ns\], measured once a second: a `timestamp_ns` of
+    /// that clock and this give the time of day.
+    #[serde(default)]
+    pub unix_offset_ns: i64,
+    /// By how much that offset may be off, a bound \[ns\]; 0 from a service that does not tell it.
+    #[serde(default)]
+    pub unix_offset_uncertainty_ns: u64,
+    /// Steps of that offset since the service started: Unix time was set, or had a leap second.
+    #[serde(default)]
+    pub unix_steps: u64,
     /// Version of the service.
     pub version: String,
     /// Seconds since it started.

@@ -51,6 +51,8 @@ pub enum DescribedKind {
     Plan,
     /// The description of a source.
     Source,
+    /// The description of a node of ROS 2.
+    Node,
     /// A configuration of the service.
     Configuration,
     /// It is not known.

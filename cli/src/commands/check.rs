@@ -6,6 +6,7 @@ use isotherm_automation::plan::Plan;
 use isotherm_command::check::CheckedFiles;
 use isotherm_files::LoadError;
 use isotherm_offline::commands::CHECKED_FILES;
+use isotherm_ros2::NodeDescription;
 use isotherm_service::commands::check::configuration;
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Failure, shown};
@@ -20,12 +21,19 @@ fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Fa
     match kind {
         FileKind::Plan => plan(text, path),
         FileKind::Source => source(text, path),
+        FileKind::Node => node(text, path),
         other => (CHECKED_FILES.laboratory)(other, text, path),
     }
 }
 
 fn source(text: &str, path: &Path) -> Result<String, Failure> {
     let description = Description::from_toml(text);
+    let description = description.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+    Ok(description.summary())
+}
+
+fn node(text: &str, path: &Path) -> Result<String, Failure> {
+    let description = NodeDescription::from_toml(text, path.parent().unwrap_or(Path::new("")));
     let description = description.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
     Ok(description.summary())
 }

@@ -56,7 +56,8 @@ impl Man {
         };
         create_folder(&folder).map_err(|error| Failure::io("making", &folder, &error))?;
         let version = isotherm_version::LONG_VERSION;
-        for program in [program, isotherm_service::command(version), isotherm_exporter::command(version)] {
+        let others = [isotherm_service::command, isotherm_exporter::command, isotherm_ros2::command];
+        for program in [program].into_iter().chain(others.map(|command| command(version))) {
             let mut program = program.disable_help_subcommand(true);
             program.build();
             write_pages(&program, &folder)?;

@@ -126,6 +126,7 @@ impl FileChecker<'_> {
             | FileKind::Campaign
             | FileKind::Mapping
             | FileKind::Source
+            | FileKind::Node
             | FileKind::Configuration)
                 if seal || self.against.is_some() =>
             {
@@ -134,7 +135,7 @@ impl FileChecker<'_> {
                 Err(Failure::new(Exit::Config, message))
             }
             FileKind::Table => self.table(path, &text),
-            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Source) => {
+            kind @ (FileKind::Plan | FileKind::Campaign | FileKind::Mapping | FileKind::Source | FileKind::Node) => {
                 (others.laboratory)(kind, &text, path)
             }
             FileKind::Configuration => {

@@ -65,6 +65,7 @@ impl FileDescription {
             }
             FileKind::Plan => self.kind = DescribedKind::Plan,
             FileKind::Source => self.kind = DescribedKind::Source,
+            FileKind::Node => self.kind = DescribedKind::Node,
             FileKind::Configuration => self.kind = DescribedKind::Configuration,
         }
         Ok(())

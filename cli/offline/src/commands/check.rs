@@ -31,7 +31,9 @@ fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Fa
     match kind {
         FileKind::Campaign => campaign(text, path),
         FileKind::Mapping => mapping(text, path),
-        FileKind::Plan | FileKind::Source | FileKind::Configuration | FileKind::Table => Err(elsewhere(kind, path)),
+        FileKind::Plan | FileKind::Source | FileKind::Node | FileKind::Configuration | FileKind::Table => {
+            Err(elsewhere(kind, path))
+        }
     }
 }
 

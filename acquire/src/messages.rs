@@ -1,0 +1,222 @@
+//! Readings that another part of the program receives as messages, as those of a robot's network.
+//!
+//! They become samples by the rules of every other source: their stamps say which control periods are missing and which
+//! message is the one before once more, or straighten the times where a driver stamps what it has just received.
+
+use crate::description::{Description, Kind, Timing};
+use crate::frames::FrameArrival;
+use crate::intake::{Intake, RowArrival};
+use crate::number::Value;
+use crate::sample::{Axes, Columns, TemperatureColumns};
+use isotherm_client::{ImuId, RawSample, Realtime, Resolution, device};
+use isotherm_recording_formats::convert::{ColumnRef, Kind as Count, Linear, SensorColumns, Sensors, Temperature};
+use isotherm_shared::wire::AXES;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Messages that may wait: 2 s at 2 kHz.
+const QUEUE: usize = 4096;
+/// The places of a row: accelerometers, gyroscopes, temperature.
+const COLUMNS: [&str; 2 * AXES + 1] = ["ax", "ay", "az", "gx", "gy", "gz", "temperature"];
+const TEMPERATURE: usize = 2 * AXES;
+
+/// One message of a device, or a part of one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviceMessage {
+    /// When it came, on `CLOCK_MONOTONIC` \[ns\].
+    pub arrived_ns: u64,
+    /// Its own stamp, on `CLOCK_MONOTONIC` \[ns\].
+    pub stamp_ns: u64,
+    /// Specific force \[m/s2\].
+    pub specific_force: [f64; AXES],
+    /// Angular rate \[rad/s\]; not used where the device has no gyroscopes.
+    pub angular_rate: [f64; AXES],
+    /// A temperature that has come since the message before, in the table's unit.
+    pub temperature: Option<f64>,
+}
+
+/// What the stamps of messages are.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum MessageStamps {
+    /// When the device sampled: they tell how many periods have passed.
+    Sample,
+    /// When the driver received, which is late by what the line makes of it: a line through them is the time.
+    Arrival,
+}
+
+/// How messages become samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MessageSettings {
+    /// The IMU.
+    pub imu: ImuId,
+    /// Serial number of the device.
+    pub serial: Option<String>,
+    /// The nominal interval \[ns\].
+    pub interval_ns: u64,
+    /// What a pulse stands for over that interval; that of the table.
+    pub resolution: Resolution,
+    /// What the stamps are.
+    pub stamps: MessageStamps,
+    /// Whether the device has gyroscopes.
+    pub has_gyroscopes: bool,
+    /// The temperature of all samples; `None`: messages have it.
+    pub temperature: Option<f64>,
+}
+
+/// Hands messages to an acquisition in another thread. A clone is the same queue.
+#[derive(Clone, Debug, Default)]
+pub struct MessageQueue(Arc<QueueState>);
+
+#[derive(Debug, Default)]
+struct QueueState {
+    messages: Mutex<VecDeque<DeviceMessage>>,
+    pushed: Condvar,
+}
+
+impl MessageQueue {
+    /// Adds a message. Returns whether there was room: one without is lost.
+    #[must_use]
+    pub fn push(&self, message: DeviceMessage) -> bool {
+        let mut messages = self.lock();
+        let has_room = messages.len() < QUEUE;
+        if has_room {
+            messages.push_back(message);
+            self.0.pushed.notify_one();
+        }
+        has_room
+    }
+
+    /// Waits up to `longest` until there is one.
+    pub(crate) fn wait(&self, longest: Duration) {
+        let messages = self.lock();
+        // The result is not used: a read tells what there is.
+        let _ = self.0.pushed.wait_timeout_while(messages, longest, |messages| messages.is_empty());
+    }
+
+    fn pop(&self) -> Option<DeviceMessage> {
+        self.lock().pop_front()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<DeviceMessage>> {
+        self.0.messages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The messages as a source of rows.
+pub(crate) struct Messages {
+    queue: MessageQueue,
+    stamps: MessageStamps,
+}
+
+impl Messages {
+    pub(crate) fn new(queue: &MessageQueue, stamps: MessageStamps) -> Self {
+        Self { queue: queue.clone(), stamps }
+    }
+
+    pub(crate) const fn queue(&self) -> &MessageQueue {
+        &self.queue
+    }
+
+    pub(crate) fn is_stamped(&self) -> bool {
+        self.stamps == MessageStamps::Sample
+    }
+
+    /// Gives what waits to the intake.
+    pub(crate) fn read(&self, intake: &mut Intake, sink: &mut dyn FnMut(RawSample, u64)) {
+        while let Some(message) = self.queue.pop() {
+            let mut row = [Value::ABSENT; COLUMNS.len()];
+            let values = message.specific_force.into_iter().chain(message.angular_rate).chain(message.temperature);
+            for (place, value) in row.iter_mut().zip(values) {
+                *place = Value::real(value);
+            }
+            let (came_ns, stamp) = match self.stamps {
+                MessageStamps::Sample => (message.arrived_ns, Some(message.stamp_ns)),
+                MessageStamps::Arrival => (message.stamp_ns, None),
+            };
+            let arrival = Some(FrameArrival { after_ns: came_ns, by_ns: came_ns });
+            intake.take(&row, RowArrival { arrival, stamp, ..RowArrival::default() }, sink);
+        }
+    }
+}
+
+impl Description {
+    /// The description of a device whose messages come through `queue`.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// use isotherm_acquire::{Description, MessageQueue, MessageSettings, MessageStamps};
+    /// use isotherm_client::Resolution;
+    ///
+    /// let settings = MessageSettings {
+    ///     imu: "imu-a".parse()?,
+    ///     serial: None,
+    ///     interval_ns: 2_500_000,
+    ///     resolution: Resolution::default(),
+    ///     stamps: MessageStamps::Sample,
+    ///     has_gyroscopes: true,
+    ///     temperature: None,
+    /// };
+    /// let description = Description::of_messages(settings, &MessageQueue::default());
+    /// assert_eq!(description.summary(), "source of imu-a: messages, accelerometers and gyroscopes at 400 Hz");
+    /// # Ok(())
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn of_messages(settings: MessageSettings, queue: &MessageQueue) -> Self {
+        let MessageSettings { imu, serial, interval_ns, resolution, stamps, has_gyroscopes, temperature } = settings;
+        let axes = |first: usize| Axes {
+            columns: std::array::from_fn(|axis| first + axis),
+            offset: 0.0,
+            sign: [1.0; AXES],
+            is_reading: true,
+        };
+        let sensors = |first: usize, resolution: f64| Sensors {
+            columns: std::array::from_fn(|axis| ColumnRef::Name(COLUMNS[first + axis].to_owned())),
+            negative: None,
+            gate_s: None,
+            kind: Count::Reading,
+            offset: 0.0,
+            resolution: Some(resolution),
+            sign: [1.0; AXES],
+            unit: None,
+            range: None,
+            duration: None,
+        };
+        let place = || vec![ColumnRef::Name(COLUMNS[TEMPERATURE].to_owned())];
+        let linear = Linear { scale: 1.0, offset: 0.0 };
+        let all = [TEMPERATURE; 2 * AXES];
+        Self {
+            kind: Kind::Messages(queue.clone(), stamps),
+            timing: Timing { interval_ns, counter: None, latency: None, clock: None },
+            columns: Columns {
+                accelerometer: axes(0),
+                gyroscope: has_gyroscopes.then(|| axes(AXES)),
+                temperature: temperature.map_or(
+                    TemperatureColumns::Columns { head: all, board: all, linear },
+                    TemperatureColumns::Constant,
+                ),
+                status: None,
+                resolution,
+                interval_ns,
+                device: serial.as_deref().map_or(0, device),
+            },
+            identity: None,
+            setup: Vec::new(),
+            names: COLUMNS.map(str::to_owned).to_vec(),
+            sensors: SensorColumns {
+                accelerometer: sensors(0, resolution.accelerometer),
+                gyroscope: has_gyroscopes.then(|| sensors(AXES, resolution.gyroscope)),
+                temperature: temperature.map_or_else(
+                    || Temperature::Columns { head: place(), board: place(), linear: Some(linear) },
+                    Temperature::Constant,
+                ),
+            },
+            realtime: Realtime::default(),
+            spin: false,
+            reopen_after: None,
+            imu,
+            serial,
+        }
+    }
+}

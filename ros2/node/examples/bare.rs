@@ -1,0 +1,57 @@
+//! A bare pair of ros2-client, for the bench: `bare publish RATE COUNT` and `bare subscribe COUNT`, which prints the
+//! latencies from publishing to receiving [us] as JSON.
+#![allow(clippy::expect_used, clippy::print_stdout, reason = "a program of a bench")]
+
+use isotherm_client::UnixOffset;
+use isotherm_ros2::{IMU, ImuMessage};
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::qos::{History, QosProfile, WhenFull};
+use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions};
+use std::net::Ipv4Addr;
+use std::time::{Duration, Instant};
+
+const TOPIC: &str = "/bare/imu/data_raw";
+
+fn unix_ns() -> i64 {
+    UnixOffset::measure().unix_ns(isotherm_client::monotonic_ns())
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<f64>().ok()).expect("a number");
+    let is_publisher = arguments.first().is_some_and(|word| word == "publish");
+    let domain = std::env::var("ROS_DOMAIN_ID").ok().and_then(|text| text.parse().ok()).expect("ROS_DOMAIN_ID");
+    let participant = DomainParticipantBuilder::new(domain).with_only_networks([Ipv4Addr::LOCALHOST]).build();
+    let context = Context::from_domain_participant(participant.expect("a participant")).expect("a context");
+    let name = NodeName::new("/", if is_publisher { "bare_out" } else { "bare_in" }).expect("a name");
+    let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
+    let mut node = context.new_node(name, options).expect("a node");
+    let qos = QosProfile::default().history(History::KeepLast { depth: 2000 }).reliability_reliable(WhenFull::Fail);
+    let topic = Name::parse(TOPIC).expect("a name");
+    let topic = node.create_topic(&topic, MessageTypeName::new(IMU.0, IMU.1), &qos).expect("a topic");
+    if !is_publisher {
+        let subscription = node.create_subscription::<ImuMessage>(&topic, None).expect("a subscription");
+        println!("ready");
+        let latencies = (0..number(1) as usize).map(|_| {
+            let (_, info) = futures::executor::block_on(subscription.async_take()).expect("a message");
+            let published = info.source_timestamp().expect("a source timestamp").to_nanos();
+            (unix_ns() - published) as f64 / 1e3
+        });
+        println!("{{\"of_source_us\": {:?}}}", latencies.collect::<Vec<_>>());
+        return;
+    }
+    let publisher = node.create_publisher::<ImuMessage>(&topic, None).expect("a publisher");
+    let spinner = node.spinner().expect("a spinner");
+    std::thread::spawn(move || futures::executor::block_on(spinner.spin()));
+    while node.subscription_count(TOPIC) == 0 {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    println!("matched");
+    let (begin, interval) = (Instant::now(), Duration::from_secs_f64(1.0 / number(1)));
+    for period in 0..number(2) as u32 {
+        std::thread::sleep((begin + interval * period).saturating_duration_since(Instant::now()));
+        publisher.publish(ImuMessage::default()).expect("room");
+    }
+    println!("driven");
+    std::thread::sleep(Duration::from_secs(2));
+}
