@@ -1,7 +1,7 @@
 //! From the messages of a driver to those that an acquisition takes.
 
 use crate::description::InputSettings;
-use crate::message::{ImuMessage, TemperatureMessage};
+use crate::message::{SensorImu, SensorTemperature};
 use crate::stamps::{SmallestDelay, delay_ns};
 use isotherm_acquire::DeviceMessage;
 use isotherm_client::UnixOffset;
@@ -55,7 +55,7 @@ impl InputGate {
     }
 
     /// Takes a temperature: it counts from the next message on.
-    pub fn take_temperature(&mut self, message: &TemperatureMessage) {
+    pub fn take_temperature(&mut self, message: &SensorTemperature) {
         self.counts.temperatures += 1;
         // A thermometer often has no frame.
         let is_of_frame = message.header.frame_id.is_empty() || self.is_of_frame(&message.header.frame_id);
@@ -70,7 +70,7 @@ impl InputGate {
     ///
     /// # Errors
     /// Why it is not taken.
-    pub fn take(&mut self, message: &ImuMessage, arrived_ns: u64, offset: UnixOffset) -> Result<DeviceMessage, String> {
+    pub fn take(&mut self, message: &SensorImu, arrived_ns: u64, offset: UnixOffset) -> Result<DeviceMessage, String> {
         self.counts.messages += 1;
         if !self.is_of_frame(&message.header.frame_id) {
             self.counts.other_frame += 1;
@@ -96,7 +96,7 @@ impl InputGate {
     }
 
     /// The stamp on `CLOCK_MONOTONIC`.
-    fn stamp_ns(&mut self, message: &ImuMessage, arrived_ns: u64, offset: UnixOffset) -> Result<u64, String> {
+    fn stamp_ns(&mut self, message: &SensorImu, arrived_ns: u64, offset: UnixOffset) -> Result<u64, String> {
         let stamp = message.header.stamp;
         if stamp.nanosec >= 1_000_000_000 {
             return Err(format!("has a stamp of {} ns in a second", stamp.nanosec));
@@ -142,8 +142,8 @@ mod tests {
         InputGate::new(&NodeDescription::from_toml(&text, Path::new("")).unwrap().inputs[0])
     }
 
-    fn message(unix_ns: i64) -> ImuMessage {
-        let mut message = ImuMessage::default();
+    fn message(unix_ns: i64) -> SensorImu {
+        let mut message = SensorImu::default();
         message.header.frame_id = "imu_link".to_owned();
         message.header.stamp = TimeMessage::of_unix_ns(unix_ns).unwrap();
         message.linear_acceleration = [1.0, 2.0, 3.0].into();
@@ -155,7 +155,7 @@ mod tests {
         let mut gate = gate("");
         let taken = gate.take(&message(OFFSET.unix_ns(NOW - 1_000)), NOW, OFFSET).unwrap();
         assert_eq!((taken.stamp_ns, taken.arrived_ns, taken.temperature), (NOW - 1_000, NOW, None));
-        let mut warm = TemperatureMessage { temperature: 31.5, ..TemperatureMessage::default() };
+        let mut warm = SensorTemperature { temperature: 31.5, ..SensorTemperature::default() };
         gate.take_temperature(&warm);
         warm.temperature = f64::NAN;
         gate.take_temperature(&warm);

@@ -33,8 +33,8 @@ pub use description::{
 pub use diagnostics::{OutputReport, diagnostics};
 pub use input::{InputCounts, InputGate};
 pub use message::{
-    DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, DiagnosticLevel, DiagnosticMessage, HeaderMessage, IMU, ImuMessage,
-    KeyValueMessage, QuaternionMessage, TEMPERATURE, TemperatureMessage, TimeMessage, VectorMessage,
+    DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, DiagnosticLevel, DiagnosticMessage, HeaderMessage, IMU, KeyValueMessage,
+    QuaternionMessage, SensorImu, SensorTemperature, TEMPERATURE, TimeMessage, VectorMessage,
 };
 pub use network::NetworkSettings;
 pub use output::{ImuComposer, OutputCounts, temperature_of};

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Package and name of [`ImuMessage`].
+/// Package and name of [`SensorImu`].
 pub const IMU: (&str, &str) = ("sensor_msgs", "Imu");
-/// Package and name of [`TemperatureMessage`].
+/// Package and name of [`SensorTemperature`].
 pub const TEMPERATURE: (&str, &str) = ("sensor_msgs", "Temperature");
 /// Package and name of [`DiagnosticArrayMessage`].
 pub const DIAGNOSTIC_ARRAY: (&str, &str) = ("diagnostic_msgs", "DiagnosticArray");
@@ -88,7 +88,7 @@ impl From<VectorMessage> for [f64; 3] {
 
 /// `sensor_msgs/Imu`. A covariance of 0 is unknown; -1 as its first element: there is no such value.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-pub struct ImuMessage {
+pub struct SensorImu {
     /// When and where.
     pub header: HeaderMessage,
     /// Not used.
@@ -107,7 +107,7 @@ pub struct ImuMessage {
 
 /// `sensor_msgs/Temperature`.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-pub struct TemperatureMessage {
+pub struct SensorTemperature {
     /// When and where.
     pub header: HeaderMessage,
     /// \[degC\].

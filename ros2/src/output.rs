@@ -2,7 +2,7 @@
 
 use crate::covariance::{NoiseDensities, TableErrors, covariance};
 use crate::description::{InvalidPolicy, OutputSettings};
-use crate::message::{HeaderMessage, ImuMessage, TemperatureMessage, TimeMessage};
+use crate::message::{HeaderMessage, SensorImu, SensorTemperature, TimeMessage};
 use isotherm_client::{CompensatedIncrement, Flags};
 use isotherm_shared::status::ImuStatus;
 use isotherm_shared::units::CELSIUS;
@@ -48,7 +48,7 @@ impl ImuComposer {
     /// The message of an increment, and whether it is whole; no message for one that is left out. Where the table has
     /// no gyroscopes, the message says that it has no angular velocity.
     #[must_use]
-    pub fn message(&self, increment: &CompensatedIncrement, stamp: TimeMessage) -> (Option<ImuMessage>, bool) {
+    pub fn message(&self, increment: &CompensatedIncrement, stamp: TimeMessage) -> (Option<SensorImu>, bool) {
         let (force, rate) = (increment.specific_force(), increment.angular_rate());
         let has_gyroscopes = has_gyroscopes(increment);
         let is_finite = |values: &[f64; AXES]| values.iter().all(|value| value.is_finite());
@@ -57,7 +57,7 @@ impl ImuComposer {
             return (None, false);
         }
         let covariance = |density, errors| covariance(density, errors, increment.interval_ns, &self.rotation);
-        let message = ImuMessage {
+        let message = SensorImu {
             header: HeaderMessage { stamp, frame_id: self.frame.clone() },
             orientation_covariance: ABSENT,
             angular_velocity: if has_gyroscopes { self.turned(rate) } else { [0.0; AXES] }.into(),
@@ -67,7 +67,7 @@ impl ImuComposer {
             },
             linear_acceleration: self.turned(force).into(),
             linear_acceleration_covariance: covariance(self.noise.accelerometer, self.errors.accelerometer),
-            ..ImuMessage::default()
+            ..SensorImu::default()
         };
         (Some(message), is_whole)
     }
@@ -83,9 +83,9 @@ impl ImuComposer {
 
     /// A message of the temperature.
     #[must_use]
-    pub fn temperature(&self, temperature: f64, stamp: TimeMessage) -> TemperatureMessage {
+    pub fn temperature(&self, temperature: f64, stamp: TimeMessage) -> SensorTemperature {
         let header = HeaderMessage { stamp, frame_id: self.frame.clone() };
-        TemperatureMessage { header, temperature, variance: 0.0 }
+        SensorTemperature { header, temperature, variance: 0.0 }
     }
 }
 

@@ -85,7 +85,8 @@ pub fn start(format: LogFormat) {
     start_beside(format, &[]);
 }
 
-/// As [`start`], but only errors of these targets are logged by default: libraries that say more than an operator needs.
+/// As [`start`], but only errors of these targets are logged by default: libraries that say more than an operator
+/// needs.
 pub fn start_beside(format: LogFormat, quiet: &[&str]) {
     let requested = env::var("ISOTHERM_LOG").ok().and_then(|filter| filter.parse::<Targets>().ok());
     // The transport filters by its own level before it hands records on.

@@ -63,8 +63,8 @@ pub struct ServiceStatus {
     /// containers.
     #[serde(default)]
     pub clock_offset_ns: i64,
-    /// How far Unix time is ahead of `CLOCK_MONOTONIC` of the service \[ns\], measured once a second: a `timestamp_ns` of
-    /// that clock and this give the time of day.
+    /// How far Unix time is ahead of `CLOCK_MONOTONIC` of the service \[ns\], measured once a second: a `timestamp_ns`
+    /// of that clock and this give the time of day.
     #[serde(default)]
     pub unix_offset_ns: i64,
     /// By how much that offset may be off, a bound \[ns\]; 0 from a service that does not tell it.

@@ -3,7 +3,7 @@
 #![allow(clippy::expect_used, clippy::print_stdout, reason = "a program of a bench")]
 
 use isotherm_client::UnixOffset;
-use isotherm_ros2::{IMU, ImuMessage};
+use isotherm_ros2::{IMU, SensorImu};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{History, QosProfile, WhenFull};
 use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions};
@@ -30,7 +30,7 @@ fn main() {
     let topic = Name::parse(TOPIC).expect("a name");
     let topic = node.create_topic(&topic, MessageTypeName::new(IMU.0, IMU.1), &qos).expect("a topic");
     if !is_publisher {
-        let subscription = node.create_subscription::<ImuMessage>(&topic, None).expect("a subscription");
+        let subscription = node.create_subscription::<SensorImu>(&topic, None).expect("a subscription");
         println!("ready");
         let latencies = (0..number(1) as usize).map(|_| {
             let (_, info) = futures::executor::block_on(subscription.async_take()).expect("a message");
@@ -40,7 +40,7 @@ fn main() {
         println!("{{\"of_source_us\": {:?}}}", latencies.collect::<Vec<_>>());
         return;
     }
-    let publisher = node.create_publisher::<ImuMessage>(&topic, None).expect("a publisher");
+    let publisher = node.create_publisher::<SensorImu>(&topic, None).expect("a publisher");
     let spinner = node.spinner().expect("a spinner");
     std::thread::spawn(move || futures::executor::block_on(spinner.spin()));
     while node.subscription_count(TOPIC) == 0 {
@@ -50,7 +50,7 @@ fn main() {
     let (begin, interval) = (Instant::now(), Duration::from_secs_f64(1.0 / number(1)));
     for period in 0..number(2) as u32 {
         std::thread::sleep((begin + interval * period).saturating_duration_since(Instant::now()));
-        publisher.publish(ImuMessage::default()).expect("room");
+        publisher.publish(SensorImu::default()).expect("room");
     }
     println!("driven");
     std::thread::sleep(Duration::from_secs(2));

@@ -5,7 +5,7 @@ use crate::output::lock;
 use isotherm_acquire::{Description, MessageQueue, Notice, RunSettings, Tally, Target, run};
 use isotherm_client::{ImuId, Options, UnixClock, monotonic_ns};
 use isotherm_ros2::{
-    IMU, ImuMessage, InputCounts, InputGate, InputSettings, TEMPERATURE, TemperatureMessage, TemperatureOrigin,
+    IMU, InputCounts, InputGate, InputSettings, SensorImu, SensorTemperature, TEMPERATURE, TemperatureOrigin,
 };
 use isotherm_support::failure::{Exit, Failure, tell};
 use ros2_client::Subscription;
@@ -39,7 +39,7 @@ impl Input {
         let mut topics = vec![(settings.topic.clone(), IMU, Notice::default())];
         match &settings.temperature {
             TemperatureOrigin::Topic(topic) => {
-                let subscription = network.subscription::<TemperatureMessage>(topic, TEMPERATURE, settings.queue)?;
+                let subscription = network.subscription::<SensorTemperature>(topic, TEMPERATURE, settings.queue)?;
                 topics.push((topic.clone(), TEMPERATURE, Notice::default()));
                 let gate = Arc::clone(&gate);
                 started("thermometer", move || take_temperatures(&subscription, &gate))?;
@@ -53,7 +53,7 @@ impl Input {
                 );
             }
         }
-        let subscription = network.subscription::<ImuMessage>(&settings.topic, IMU, settings.queue)?;
+        let subscription = network.subscription::<SensorImu>(&settings.topic, IMU, settings.queue)?;
         let readings = Readings {
             topic: settings.topic.clone(),
             gate: Arc::clone(&gate),
@@ -115,7 +115,7 @@ fn started<T: Send + 'static>(name: &str, body: impl FnOnce() -> T + Send + 'sta
     thread.map_err(|error| Failure::new(Exit::Failed, format!("starting a thread: {error}")))
 }
 
-fn take_temperatures(subscription: &Subscription<TemperatureMessage>, gate: &Mutex<InputGate>) {
+fn take_temperatures(subscription: &Subscription<SensorTemperature>, gate: &Mutex<InputGate>) {
     loop {
         match futures::executor::block_on(subscription.async_take()) {
             Ok((message, _)) => lock(gate).take_temperature(&message),
@@ -135,7 +135,7 @@ struct Readings {
 }
 
 impl Readings {
-    fn take(mut self, subscription: &Subscription<ImuMessage>) {
+    fn take(mut self, subscription: &Subscription<SensorImu>) {
         loop {
             let received = futures::executor::block_on(subscription.async_take());
             let arrived_ns = monotonic_ns();

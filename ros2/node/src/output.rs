@@ -7,7 +7,7 @@ use isotherm_client::{
 };
 use isotherm_files::{Trust, read_text};
 use isotherm_ros2::{
-    IMU, ImuComposer, ImuMessage, NoiseDensities, OutputCounts, OutputReport, OutputSettings, StampClock, StampState,
+    IMU, ImuComposer, NoiseDensities, OutputCounts, OutputReport, OutputSettings, SensorImu, StampClock, StampState,
     TableErrors, TimeMessage,
 };
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -46,7 +46,7 @@ impl Output {
         });
         let noise = noise.transpose()?.unwrap_or_default();
         let composer = Arc::new(Mutex::new(ImuComposer::new(settings, noise)));
-        let publisher = network.publisher::<ImuMessage>(&settings.topics().imu, IMU, settings.queue)?;
+        let publisher = network.publisher::<SensorImu>(&settings.topics().imu, IMU, settings.queue)?;
         let progress = Arc::new(Mutex::new(OutputReport {
             imu: settings.imu.clone(),
             counts: OutputCounts::default(),
@@ -98,7 +98,7 @@ impl Output {
 /// The thread that publishes.
 struct Publication {
     imu: ImuId,
-    publisher: Publisher<ImuMessage>,
+    publisher: Publisher<SensorImu>,
     composer: Arc<Mutex<ImuComposer>>,
     stamps: StampClock,
     unix: UnixClock,

@@ -7,8 +7,8 @@ use isotherm_client::UnixClock;
 use isotherm_files::{Trust, read_text};
 use isotherm_fit::TableFile;
 use isotherm_ros2::{
-    DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, NodeDescription, QueueSettings, TEMPERATURE, TableErrors,
-    TemperatureMessage, TimeMessage, diagnostics, temperature_of,
+    DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, NodeDescription, QueueSettings, SensorTemperature, TEMPERATURE,
+    TableErrors, TimeMessage, diagnostics, temperature_of,
 };
 use isotherm_service::StatusSource;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
@@ -41,7 +41,7 @@ pub(crate) struct Reporter {
 struct ImuReport {
     imu: String,
     topic: String,
-    thermometer: Publisher<TemperatureMessage>,
+    thermometer: Publisher<SensorTemperature>,
     /// The table whose file was read, and what it says.
     table: Option<(String, Option<TableFile>)>,
     subscribers: usize,
