@@ -57,7 +57,7 @@ pub enum OfflineCommand {
     Compare(compare::Compare),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]
-    Noise(noise::Noise),
+    Noise(noise::NoiseCommand),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]
     Describe(describe::Describe),

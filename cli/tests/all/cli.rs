@@ -70,6 +70,7 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
         "completions",
         "convert",
         "demo",
+        "describe",
         "explain",
         "export",
         "import",

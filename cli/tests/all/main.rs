@@ -6,6 +6,7 @@ mod calibration;
 mod cli;
 mod common;
 mod compare;
+mod describe;
 mod findings;
 mod foreign;
 mod gyroscopes;

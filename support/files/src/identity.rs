@@ -1,17 +1,19 @@
 //! Which state of a file was read.
 
 use std::fs::{self, Metadata};
+#[cfg(not(target_os = "wasi"))]
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Identifies one state of a file: it changes when the file is replaced or written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub struct Identity {
-    device: u64,
-    inode: u64,
     size: u64,
-    modified: (i64, i64),
-    changed: (i64, i64),
+    modified: Option<SystemTime>,
+    /// Device and inode, and the time when these or the permissions changed. WASI has none of them.
+    #[cfg(not(target_os = "wasi"))]
+    inode: (u64, u64, i64, i64),
 }
 
 impl Identity {
@@ -24,18 +26,18 @@ impl Identity {
     /// When its content was last changed, Unix time \[s\].
     #[must_use]
     pub fn modified_unix_s(&self) -> f64 {
-        self.modified.0 as f64 + self.modified.1 as f64 * 1e-9
+        let since = self.modified.and_then(|modified| modified.duration_since(UNIX_EPOCH).ok());
+        since.map_or(0.0, |since| since.as_secs() as f64 + f64::from(since.subsec_nanos()) * 1e-9)
     }
 }
 
 impl From<&Metadata> for Identity {
     fn from(metadata: &Metadata) -> Self {
         Self {
-            device: metadata.dev(),
-            inode: metadata.ino(),
-            size: metadata.size(),
-            modified: (metadata.mtime(), metadata.mtime_nsec()),
-            changed: (metadata.ctime(), metadata.ctime_nsec()),
+            size: metadata.len(),
+            modified: metadata.modified().ok(),
+            #[cfg(not(target_os = "wasi"))]
+            inode: (metadata.dev(), metadata.ino(), metadata.ctime(), metadata.ctime_nsec()),
         }
     }
 }

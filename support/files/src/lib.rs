@@ -24,7 +24,6 @@
 // Where a page of a browser keeps the files, there are no other users, processes and signals.
 #[cfg(not(target_os = "wasi"))]
 mod disk;
-#[cfg_attr(target_os = "wasi", path = "wasi/identity.rs")]
 mod identity;
 #[cfg(not(target_os = "wasi"))]
 mod install;

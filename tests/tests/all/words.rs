@@ -56,7 +56,7 @@ const EXCEPT: &[&str] = &[
     "shared/src/document.rs",
     "calibration/fit/src/provenance/tumble.rs",
     "support/src/finding/name.rs",
-    "cli/src/commands/calibrate/former.rs",
+    "cli/offline/src/commands/calibrate/former.rs",
     "cli/tests/all/findings.rs",
     "docs/glossary.md",
 ];

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 
 /// Describe files and what they are good for
 ///
-/// Format, IMUs, rows, rate and temperature of every file that any command reads, with the command line of each job that it
-/// is good for, and the reason of each that it is not.
+/// Format, IMUs, rows, rate and temperature of every file that any command reads, with the command line of each job
+/// that it is good for, and the reason of each that it is not.
 ///
 /// Logs of autopilots, data of other programs, recordings, tables, campaign files, mappings and parameters. Nothing has
 /// to be known of a file: where an option is missing, the message has it. The whole file is read, row by row. The exit

@@ -37,7 +37,7 @@ use std::path::PathBuf;
 #[command(
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
 )]
-pub struct Noise {
+pub struct NoiseCommand {
     /// Read this recording of raw samples
     ///
     /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
@@ -70,7 +70,7 @@ pub struct Noise {
     foreign: ForeignArgs,
 }
 
-impl Noise {
+impl NoiseCommand {
     pub(crate) fn run(self) -> Result<(), Failure> {
         or_document(self.json, self.show())
     }

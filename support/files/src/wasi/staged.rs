@@ -16,14 +16,16 @@ fn hidden(path: &Path, what: &str) -> PathBuf {
     path.with_file_name(name)
 }
 
+pub(crate) use UnsharedFile as StagedFile;
+
 /// A file with a temporary name. Dropping it removes the file.
-pub struct StagedFile {
+pub struct UnsharedFile {
     writer: BufWriter<File>,
     temporary: PathBuf,
     target: PathBuf,
 }
 
-impl StagedFile {
+impl UnsharedFile {
     pub(crate) fn create(target: &Path, _: Option<&Metadata>) -> io::Result<Self> {
         let temporary = hidden(target, "new");
         let writer = BufWriter::new(File::create(&temporary)?);
@@ -52,14 +54,14 @@ impl StagedFile {
     }
 }
 
-impl Drop for StagedFile {
+impl Drop for UnsharedFile {
     fn drop(&mut self) {
         // Fails where it has its own name.
         let _ = fs::remove_file(&self.temporary);
     }
 }
 
-impl Write for StagedFile {
+impl Write for UnsharedFile {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         self.writer.write(buffer)
     }
