@@ -338,7 +338,7 @@ mod tests {
         let sent = filled(&lag, sample(TEMPERATURE));
         assert_eq!(sent.lag_ns, 10_000_000_000);
         // The temperature rose by 0.5 in a tenth of the time constant: L = U - 0.5 * (1 - exp(-0.1)) / 0.1.
-        let expected = 2.5 - 0.5 * (1.0 - (-0.1_f64).exp()) / 0.1;
+        let expected = 2.5 - 0.5 * (1.0 - libm::exp(-0.1_f64)) / 0.1;
         for lagged in [sent.accelerometers.head_lagged, sent.gyroscopes.head_lagged].as_flattened() {
             assert!((lagged - expected).abs() < 1e-14, "{lagged} {expected}");
         }

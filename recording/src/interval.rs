@@ -134,7 +134,7 @@ impl Intervals {
         let whole = if many { self.blocks.quantile(0.5) } else { self.all.ratio() };
         let agree = (single > 1.0) == (whole > 1.0) && (many || (0.5..2.0).contains(&(single / whole)));
         // Bursts are in the first figure; pauses, and what is lost and renumbered, are in the second.
-        let ratio = if regular || single.ln().abs() < whole.ln().abs() { single } else { whole };
+        let ratio = if regular || libm::log(single).abs() < libm::log(whole).abs() { single } else { whole };
         let found = is_off(single) && is_off(whole) && (regular || agree) && ratio.is_finite();
         found.then(|| IntervalFault { interval_s: self.all.interval / f64::from(self.all.count) / 1e9, ratio })
     }
@@ -161,7 +161,7 @@ impl fmt::Display for IntervalFault {
 
 /// A number with six digits that count.
 pub(crate) fn shown(value: f64) -> f64 {
-    let digits = 10_f64.powf(5.0 - value.abs().log10().floor());
+    let digits = libm::pow(10_f64, 5.0 - libm::log10(value.abs()).floor());
     if digits.is_finite() { (value * digits).round() / digits } else { value }
 }
 

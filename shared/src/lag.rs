@@ -111,7 +111,7 @@ impl Lag {
         }
         let passed = state.and_then(|last| time_ns.checked_sub(last.time_ns));
         if let Some(dt) = passed.filter(|_| self.lag_ns > 0) {
-            self.unknown[sensor] *= (-(dt as f64 / self.lag_ns as f64)).exp();
+            self.unknown[sensor] *= libm::exp(-(dt as f64 / self.lag_ns as f64));
         }
         let soaked = LaggedReading { time_ns, temperature, lagged: temperature };
         *state = Some(state.map_or(soaked, |last| last.next(temperature, time_ns, self.lag_ns)));
@@ -200,8 +200,8 @@ impl LaggedReading {
         let lagged = passed.map_or(self.lagged, |dt| {
             let ratio = dt as f64 / lag_ns as f64;
             // 1 - a without cancellation.
-            let k = -(-ratio).exp_m1() / ratio;
-            temperature + (self.lagged - self.temperature) * (-ratio).exp() - (temperature - self.temperature) * k
+            let k = -libm::expm1(-ratio) / ratio;
+            temperature + (self.lagged - self.temperature) * libm::exp(-ratio) - (temperature - self.temperature) * k
         });
         // Only with numbers near the largest double, or in a state that was handed over.
         Self { time_ns, temperature, lagged: if lagged.is_finite() { lagged } else { temperature } }
@@ -269,7 +269,7 @@ mod tests {
             let end = *times.last().unwrap();
             let (tau, t) = (TAU_NS as f64 / 1e9, end as f64 / 1e9);
             // L = U - slope tau (1 - exp(-t / tau)), with L = U at time 0.
-            let exact = start + slope * t + slope * tau * (-t / tau).exp_m1();
+            let exact = start + slope * t + slope * tau * libm::expm1(-t / tau);
             let size = start.abs() + slope.abs() * (t + tau);
             for read in [&times[..], &[0, end]] {
                 let lagged = of_line(start, slope, read);

@@ -174,7 +174,7 @@ impl Polynomial {
                 Some(start)
             } else if !clear(last) {
                 Some(start + width)
-            } else if width < f64::exp2(-48.0) {
+            } else if width < libm::exp2(-48.0) {
                 Some(start + width / 2.0)
             } else {
                 None

@@ -75,7 +75,7 @@ impl World {
 
 /// From 10 ms to 50 s, every length as often as ten times that.
 fn length(random: &mut Random) -> f64 {
-    10f64.powf(-2.0 + 3.7 * random.part())
+    libm::pow(10f64, -2.0 + 3.7 * random.part())
 }
 
 #[test]

@@ -90,7 +90,7 @@ fn full(counts: &[[f64; AXES]], blocks: &[Range<usize>], steps: [f64; AXES], axi
             2 * counts[(*block).clone()].iter().filter(|row| row[axis] == *extreme).count() > block.len()
         };
         let means: Vec<_> = blocks.iter().filter(at).map(|block| of_block(block).map(|[mean, _]| mean)).collect();
-        let apart = |mean: &[f64; 2]| (mean[0] - means[0][0]).hypot(mean[1] - means[0][1]);
+        let apart = |mean: &[f64; 2]| libm::hypot(mean[0] - means[0][0], mean[1] - means[0][1]);
         means.iter().any(|mean| apart(mean) > OTHER_ATTITUDE * extreme.abs())
     })?;
     let share = values().filter(|value| *value == extreme).count() as f64 / counts.len() as f64;

@@ -66,19 +66,19 @@ pub fn outer_axis(inner: f64) -> Vector3<f64> {
 /// ```
 #[must_use]
 pub fn vertical_rate(latitude_deg: f64) -> f64 {
-    EARTH_RATE * latitude_deg.to_radians().sin()
+    EARTH_RATE * libm::sin(latitude_deg.to_radians())
 }
 
 /// The horizontal rate at the latitude \[deg\], in deg/h.
 #[must_use]
 pub fn horizontal_rate(latitude_deg: f64) -> f64 {
-    EARTH_RATE * latitude_deg.to_radians().cos()
+    EARTH_RATE * libm::cos(latitude_deg.to_radians())
 }
 
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.
 fn sin_cos(degrees: f64) -> (f64, f64) {
     let quarter = (degrees / 90.0).round();
-    let (s, c) = (degrees - quarter * 90.0).to_radians().sin_cos();
+    let (s, c) = libm::sincos((degrees - quarter * 90.0).to_radians());
     match quarter.rem_euclid(4.0) as u8 {
         0 => (s, c),
         1 => (c, -s),

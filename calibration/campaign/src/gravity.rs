@@ -114,7 +114,7 @@ pub fn normal_gravity(latitude_deg: f64, height_m: f64) -> f64 {
     const A: f64 = 6_378_137.0;
     const F: f64 = 1.0 / 298.257_223_563;
     const M: f64 = 0.003_449_786_506_84;
-    let sin2 = latitude_deg.to_radians().sin().powi(2);
+    let sin2 = libm::sin(latitude_deg.to_radians()).powi(2);
     let surface = EQUATOR * (1.0 + K * sin2) / (1.0 - E2 * sin2).sqrt();
     surface * (1.0 - 2.0 / A * (1.0 + F + M - 2.0 * F * sin2) * height_m + 3.0 / (A * A) * height_m * height_m)
 }

@@ -94,7 +94,7 @@ fn magnitude<'a>(table: &CoefficientTable, rows: impl Iterator<Item = &'a RawSam
 
 /// Four digits at least.
 fn digits(value: f64) -> String {
-    let before = value.abs().max(1e-300).log10().floor();
+    let before = libm::log10(value.abs().max(1e-300)).floor();
     format!("{value:.*}", (3.0 - before).clamp(0.0, 12.0) as usize)
 }
 

@@ -54,7 +54,7 @@ impl Calibration {
         let aligned = self.table.content().alignment.is_some();
         let across = |axis: usize| {
             let [next, after] = self.solution.axes[axis].misalignment;
-            next.hypot(after)
+            libm::hypot(next, after)
         };
         (!aligned && is_needed(&self.solution)).then(|| largest((0..AXES).map(across)))
     }

@@ -136,6 +136,6 @@ pub struct ReducedSensor<'a> {
 
 /// Three digits at least, as a decimal number.
 fn three_digits(value: f64) -> String {
-    let before = value.abs().max(1e-12).log10().floor();
+    let before = libm::log10(value.abs().max(1e-12)).floor();
     format!("{value:.*}", (2.0 - before).clamp(0.0, 12.0) as usize)
 }

@@ -208,7 +208,7 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
     let best = grid.best(&used);
     let errors = grid.jackknife(&used, best.tau_s);
     let ends = [grid.taus_s[0], grid.taus_s[grid.taus_s.len() - 1]];
-    let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * (sign * errors.log_tau).exp());
+    let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * libm::exp(sign * errors.log_tau));
     let conditions = decision::of_search(best.tau_s, interval_s, ends).to_vec();
     let kept = predecessor_s.filter(|tau_s| (interval_s[0]..=interval_s[1]).contains(tau_s));
     // Milliseconds: more digits than the data have.

@@ -50,7 +50,9 @@ impl PlotAxis {
         let every = ((high - low) / TICKS.1 as f64).ceil().max(1.0) as usize;
         let powers = (low.floor() as i32..=high.ceil() as i32).step_by(every);
         let ticks = powers.flat_map(|power| {
-            factors.iter().map(move |factor| ((*factor as f64).log10() + f64::from(power), power_label(*factor, power)))
+            factors
+                .iter()
+                .map(move |factor| (libm::log10(*factor as f64) + f64::from(power), power_label(*factor, power)))
         });
         let ticks = ticks.filter(|(value, _)| (low..=high).contains(value)).collect();
         Self { low, high, ticks, note: String::new() }
@@ -128,7 +130,7 @@ fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
 
 /// The smallest step, as factor (1, 2, 5) and power of ten, that puts at most [`TICKS`] marks between two values.
 fn step(low: f64, high: f64) -> (i64, i32) {
-    let mut power = (high - low).log10().floor() as i32 - 2;
+    let mut power = libm::log10(high - low).floor() as i32 - 2;
     loop {
         for factor in [1, 2, 5] {
             let (first, last) = multiples(low, high, scaled(factor, power));

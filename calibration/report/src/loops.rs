@@ -44,7 +44,7 @@ fn caption(unit: &str, factor: f64, points: &[LoopPoint]) -> String {
 
 /// The value with three digits at least.
 fn three_digits(value: f64) -> String {
-    let digits_before_point = value.abs().max(1e-9).log10().floor() as i32;
+    let digits_before_point = libm::log10(value.abs().max(1e-9)).floor() as i32;
     format!("{value:.*}", (2 - digits_before_point).clamp(0, 6) as usize)
 }
 

@@ -149,7 +149,7 @@ impl Plot {
     /// error bars are not drawn.
     #[must_use]
     pub fn logarithmic(mut self) -> Self {
-        let log = |value: f64| if value > 0.0 { value.log10() } else { f64::NAN };
+        let log = |value: f64| if value > 0.0 { libm::log10(value) } else { f64::NAN };
         for series in &mut self.series {
             series.points.iter_mut().for_each(|(x, y)| (*x, *y) = (log(*x), log(*y)));
             series.band.iter_mut().for_each(|row| *row = (log(row.0), log(row.1), log(row.2)));

@@ -109,10 +109,10 @@ fn conditions(page: &mut Page, found: &Transients) {
 fn search(page: &mut Page, found: &Transients) {
     let tau = &found.time_constant;
     let least = tau.search.iter().map(|(_, objective)| *objective).fold(f64::INFINITY, f64::min);
-    let points = tau.search.iter().map(|(s, objective)| (s.log10(), objective - least));
+    let points = tau.search.iter().map(|(s, objective)| (libm::log10(*s), objective - least));
     let plot =
         Plot::new("Search over the time constant", "log10 of the time constant / s", "Objective above its minimum");
     let plot = plot.series("Sum over the biases of n log(SSE/n)", Style::Both, points);
-    let svg = plot.marker(tau.value_s.log10(), &format!("{:.0} s", tau.value_s)).svg();
+    let svg = plot.marker(libm::log10(tau.value_s), &format!("{:.0} s", tau.value_s)).svg();
     page.figure(&svg, "The best time constant has the least objective. A minimum at an end shows no time constant.");
 }

@@ -408,8 +408,9 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
             rows.push(navigation(&format!("{name} one step of head temperature ({step:.2e}), bias"), change));
         }
         if let Some(step) = board {
-            let relative =
-                |u: f64| axis.positive_scale_factor_at(u).0.ln().max((-axis.negative_scale_factor_at(u).0).ln());
+            let relative = |u: f64| {
+                libm::log(axis.positive_scale_factor_at(u).0).max(libm::log(-axis.negative_scale_factor_at(u).0))
+            };
             let change = steepest(&relative, |window| &window.board, step);
             rows.push(navigation(&format!("{name} one step of board temperature ({step:.2e}), K at 1 g0"), change));
         }

@@ -97,7 +97,7 @@ fn order_words(order: &OrderChoice) -> String {
 
 /// Three digits.
 fn shown(value: f64) -> String {
-    let before = value.abs().max(1e-12).log10().floor();
+    let before = libm::log10(value.abs().max(1e-12)).floor();
     format!("{value:.*}", (2.0 - before).clamp(0.0, 9.0) as usize)
 }
 

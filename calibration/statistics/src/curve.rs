@@ -4,6 +4,7 @@ use crate::curve_band;
 use crate::double_double::DoubleDouble;
 use crate::largest::root;
 use crate::regression::{Regression, expansion};
+use crate::stored;
 use crate::student::student_quantile_of;
 use isotherm_shared::polynomial::Polynomial;
 use nalgebra::{DMatrix, DVector};
@@ -36,7 +37,9 @@ const CHECK_POINTS: u32 = 64;
 pub struct Curve {
     center: f64,
     scale: f64,
+    #[serde(with = "stored::vector")]
     coefficients: DVector<f64>,
+    #[serde(with = "stored::square")]
     covariance: Option<DMatrix<f64>>,
     freedom: f64,
     range: [f64; 2],
@@ -211,7 +214,7 @@ impl Curve {
         let slope = self.slope.map_or(0.0, |slope| slope.per_unit * (temperature - slope.about).abs());
         let error = self.standard_error(temperature).filter(|_| known)?;
         let of_reading = self.slope(temperature) * self.resolution / 12.0_f64.sqrt();
-        Some(error.hypot(of_reading) * quantile + slope)
+        Some(libm::hypot(error, of_reading) * quantile + slope)
     }
 
     /// Coefficients of the powers of the raw temperature, ascending; expanded in double-double, then rounded once.
@@ -271,6 +274,8 @@ impl Curve {
 
 /// Confidence of every interval that is printed or judged.
 pub const CONFIDENCE: f64 = 0.95;
+/// A normal deviate is within so many standard deviations with that [`CONFIDENCE`].
+pub const NORMAL_QUANTILE: f64 = 1.959_963_984_540_054;
 
 #[cfg(test)]
 mod tests {
@@ -279,7 +284,7 @@ mod tests {
 
     #[test]
     fn tables_keep_their_digits_far_from_zero() {
-        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| DataPoint::new(x, 9e4 + (x / 7e3).sin()));
+        let points = (0..15).map(|i| 8e6 + 4e3 * f64::from(i)).map(|x| DataPoint::new(x, 9e4 + libm::sin(x / 7e3)));
         let regression = Regression::new(points.collect(), 7).unwrap();
         let curve = Curve::of(&regression, 7, [8e6, 8.056e6]);
         let table = curve.polynomial(1.0).unwrap();
@@ -293,7 +298,7 @@ mod tests {
     #[test]
     fn raw_coefficients_and_errors_are_those_of_the_regression() {
         let points =
-            (0..9).map(|i| f64::from(i) / 3.0 + 1.1).map(|x| DataPoint::new(x, 3.0 - x + 0.1 * (9.0 * x).sin()));
+            (0..9).map(|i| f64::from(i) / 3.0 + 1.1).map(|x| DataPoint::new(x, 3.0 - x + 0.1 * libm::sin(9.0 * x)));
         let regression = Regression::new(points.collect(), 3).unwrap();
         let curve = Curve::of(&regression, 3, [1.1, 3.8]);
         let fit = &regression.fits()[3];

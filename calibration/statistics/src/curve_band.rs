@@ -45,7 +45,7 @@ fn speed(covariance: &DMatrix<f64>, x: f64) -> f64 {
 pub(crate) fn quantile(length: f64, count: usize, freedom: f64, confidence: f64) -> f64 {
     let chance = 1.0 - confidence;
     let beyond = |c: f64| {
-        let of_path = length / core::f64::consts::PI * (1.0 + c * c / freedom).powf(-freedom / 2.0);
+        let of_path = length / core::f64::consts::PI * libm::pow(1.0 + c * c / freedom, -freedom / 2.0);
         of_path + f_tail(c * c, 1.0, freedom)
     };
     let scheffe = (count as f64 * f_limit(chance, count as f64, freedom)).sqrt();

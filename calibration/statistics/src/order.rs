@@ -282,7 +282,7 @@ impl<'a> LimitedFit<'a> {
 fn number(value: Option<f64>, width: usize) -> String {
     match value {
         Some(value) if value == 0.0 || (1e-3..1e6).contains(&value.abs()) => {
-            let digits = 5_usize.saturating_sub(value.abs().max(1.0).log10() as usize);
+            let digits = 5_usize.saturating_sub(libm::log10(value.abs().max(1.0)) as usize);
             format!("{value:>width$.digits$}")
         }
         Some(value) => format!("{:>width$}", format!("{value:.*e}", width.min(12).saturating_sub(8).max(1))),

@@ -1,6 +1,6 @@
 //! Quantiles of Student's t.
 
-use statrs::function::beta::inv_beta_reg;
+use crate::tails::f_limit;
 
 /// Two-sided quantile of Student's t: |t| with `freedom` degrees of freedom is below it with probability `confidence`.
 ///
@@ -19,9 +19,8 @@ pub fn student_quantile_of(confidence: f64, n: f64) -> f64 {
     if !n.is_finite() || n <= 0.0 {
         return f64::NAN;
     }
-    // t^2 is F with 1 and n degrees of freedom; n/(n + t^2) follows the beta distribution.
-    let x = inv_beta_reg(n / 2.0, 0.5, 1.0 - confidence);
-    (n * (1.0 - x) / x).sqrt()
+    // t^2 is F with 1 and n degrees of freedom.
+    f_limit(1.0 - confidence, 1.0, n).sqrt()
 }
 
 #[cfg(test)]

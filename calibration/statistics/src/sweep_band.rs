@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn sweeps_that_differ_by_their_noise_agree() {
         let noise = |u: f64, seed: usize| {
-            let hash = (u * 60.0 + 1e4 * seed as f64).sin() * 43_758.545_3;
+            let hash = libm::sin(u * 60.0 + 1e4 * seed as f64) * 43_758.545_3;
             hash - hash.floor() - 0.5
         };
         let drawn = |seed: usize| {

@@ -1,6 +1,6 @@
-//! Tails of the distributions of tests.
+//! Tails of the distributions of tests, and the values that are exceeded with a given probability.
 
-use statrs::function::beta::beta_reg;
+use crate::incomplete::{incomplete_beta, upper_gamma};
 
 /// Probability that an F variable with `d1` and `d2` degrees of freedom is larger than `f`.
 ///
@@ -12,16 +12,18 @@ use statrs::function::beta::beta_reg;
 /// ```
 #[must_use]
 pub fn f_tail(f: f64, d1: f64, d2: f64) -> f64 {
-    if f.is_nan() || f <= 0.0 {
-        return if f.is_nan() { f64::NAN } else { 1.0 };
+    if !is_positive([d1, d2]) || f.is_nan() || f <= 0.0 {
+        return if f <= 0.0 { 1.0 } else { f64::NAN };
     }
-    beta_reg(d2 / 2.0, d1 / 2.0, d2 / (d2 + d1 * f))
+    let odds = d1 * f / d2;
+    incomplete_beta(d2 / 2.0, d1 / 2.0, [1.0 / (1.0 + odds), 1.0 / (1.0 + 1.0 / odds)])
 }
 
 /// The probability that a variable of the beta distribution with the shapes `a` and `b` exceeds `x`.
 #[must_use]
 pub fn beta_tail(x: f64, a: f64, b: f64) -> f64 {
-    if !(a > 0.0 && b > 0.0) || x.is_nan() { f64::NAN } else { 1.0 - beta_reg(a, b, x.clamp(0.0, 1.0)) }
+    let x = x.clamp(0.0, 1.0);
+    if is_positive([a, b]) && !x.is_nan() { incomplete_beta(b, a, [1.0 - x, x]) } else { f64::NAN }
 }
 
 /// The value that an F variable with `d1` and `d2` degrees of freedom exceeds with probability `p`.
@@ -33,8 +35,34 @@ pub fn beta_tail(x: f64, a: f64, b: f64) -> f64 {
 /// ```
 #[must_use]
 pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
+    exceeded(p, |f| f_tail(f, d1, d2))
+}
+
+/// The value that a chi-square variable with `freedom` degrees of freedom exceeds with probability `p`; not a number
+/// without any.
+///
+/// ```
+/// use isotherm_statistics::chi_square_limit;
+///
+/// // The printed 5 % limit with 10 degrees of freedom.
+/// assert!((chi_square_limit(0.05, 10.0) - 18.307).abs() < 1e-3);
+/// ```
+#[must_use]
+pub fn chi_square_limit(p: f64, freedom: f64) -> f64 {
+    if is_positive([freedom]) { exceeded(p, |value| upper_gamma(freedom / 2.0, value / 2.0)) } else { f64::NAN }
+}
+
+fn is_positive<const N: usize>(parameters: [f64; N]) -> bool {
+    parameters.iter().all(|value| *value > 0.0 && value.is_finite())
+}
+
+/// Where `tail`, which falls from 1 at 0, is `p`.
+fn exceeded(p: f64, tail: impl Fn(f64) -> f64) -> f64 {
+    if p <= 0.0 || p >= 1.0 {
+        return if p <= 0.0 { f64::INFINITY } else { 0.0 };
+    }
     let (mut low, mut high) = (0.0, 1.0);
-    while f_tail(high, d1, d2) > p && high < 1e300 {
+    while tail(high) > p && high < 1e300 {
         high *= 2.0;
     }
     // Bisection, until `low` and `high` are neighbouring doubles.
@@ -42,7 +70,7 @@ pub fn f_limit(p: f64, d1: f64, d2: f64) -> f64 {
         && middle > low
         && middle < high
     {
-        if f_tail(middle, d1, d2) > p { low = middle } else { high = middle }
+        if tail(middle) > p { low = middle } else { high = middle }
     }
     high
 }

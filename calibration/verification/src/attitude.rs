@@ -114,7 +114,7 @@ impl Attitude {
         if !looks_rounded || left <= NEGLIGIBLE {
             return None;
         }
-        let needed = (0.5 * rounded.sqrt() / NEGLIGIBLE).log10().ceil();
+        let needed = libm::log10(0.5 * rounded.sqrt() / NEGLIGIBLE).ceil();
         Some(format!(
             "--attitude: {decimals} decimals leave up to {:.1}e-6 g0 across the specific force, which counts as \
              an error of the table; give {needed} decimals, or with --campaign FILE the angles OUTER,INNER or the number \

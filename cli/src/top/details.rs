@@ -183,7 +183,7 @@ fn draw_distribution(frame: &mut Frame<'_>, picture: Rect, model: &Model) {
     let budget_ns = model.status().map_or(0.0, |status| status.budget_us) * 1e3;
     let bar = |(index, count): (usize, &u64)| {
         let over = LATENCY_BOUNDS_NS.get(index).is_none_or(|bound| *bound as f64 > budget_ns);
-        let height = if *count > 0 { (100.0 * (1.0 + (*count as f64).log10())) as u64 } else { 0 };
+        let height = if *count > 0 { (100.0 * (1.0 + libm::log10(*count as f64))) as u64 } else { 0 };
         let style = if over { theme.level(AlertLevel::Warning) } else { theme.curve() };
         vec![SparklineBar::from(height).style(Some(style)); columns.into()]
     };

@@ -528,8 +528,8 @@ fn ramp(separator: &str, decimal: &str, rows: i32) -> String {
     let header = ["u", "u_lagged", "board-2", "y"].join(separator);
     let row = |i: i32| {
         let time = f64::from(i) / 20.0;
-        let (u, lagged) = (2.5 - 1.4 * time.cos(), 2.5 - 1.4 * (time - 0.2).cos());
-        let y = 800.0 - 30.0 * u + 35.0 * (lagged - u) + 0.5 * (1e4 * (time + 0.3)).sin();
+        let (u, lagged) = (2.5 - 1.4 * libm::cos(time), 2.5 - 1.4 * libm::cos(time - 0.2));
+        let y = 800.0 - 30.0 * u + 35.0 * (lagged - u) + 0.5 * libm::sin(1e4 * (time + 0.3));
         let numbers = [u, lagged, f64::from(i % 7) - 3.5, y].map(|value| format!("{value:.5}").replace('.', decimal));
         numbers.join(separator) + "\n"
     };

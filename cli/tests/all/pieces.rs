@@ -37,8 +37,11 @@ pub(crate) fn log(folder: &Path, name: &str, temperature: f64) {
         for step in 0..700 {
             row += 1;
             let value = |axis: usize, noise: f64| {
-                let turn =
-                    if step < 100 { 3.0 * (f64::from(step) * 0.35 * (axis as f64 + 1.0)).sin() + noise } else { 0.0 };
+                let turn = if step < 100 {
+                    3.0 * libm::sin(f64::from(step) * 0.35 * (axis as f64 + 1.0)) + noise
+                } else {
+                    0.0
+                };
                 direction[axis] / length * 9.81 * (1.0 + 2e-5 * temperature) + turn + 0.004 * noise
             };
             let [x, y, z] = [0, 1, 2].map(|axis| value(axis, noise()));

@@ -218,7 +218,7 @@ fn temperature(t: f64) -> f64 {
     let turns = [(0.0, 51.0), (0.28, -17.0), (0.74, 74.0), (1.0, 32.0)];
     let part = t / (f64::from(ROWS) * ROW_S);
     let leg = turns.windows(2).find(|leg| part <= leg[1].0).unwrap();
-    leg[0].1 + (leg[1].1 - leg[0].1) * ((part - leg[0].0) / (leg[1].0 - leg[0].0)).powf(0.8)
+    leg[0].1 + (leg[1].1 - leg[0].1) * libm::pow((part - leg[0].0) / (leg[1].0 - leg[0].0), 0.8)
 }
 
 /// A thermal run of a consumer IMU with gyroscopes: biases that move by 100 mm/s2 and 1 deg/s, and hysteresis; no lag.

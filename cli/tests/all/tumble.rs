@@ -64,7 +64,7 @@ fn a_table_without_a_turntable_is_verified_by_lengths() {
         .map(|line| line.split(',').take(6).map(|field| field.parse().unwrap()).collect())
         .collect();
     let sum = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / (96.0 * 0.05);
-    let length = sum(3).hypot(sum(4)).hypot(sum(5)) / 9.80665 - 9.79179 / 9.80665;
+    let length = libm::hypot(libm::hypot(sum(3), sum(4)), sum(5)) / 9.80665 - 9.79179 / 9.80665;
     let first = document["static_pose"][0].clone();
     assert_eq!(first["rows"], 96);
     assert!((length - first["error_g0"].as_f64().unwrap()).abs() < 1e-9, "{length} {first}");

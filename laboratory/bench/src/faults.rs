@@ -87,7 +87,7 @@ impl FaultPlan {
             let fault = fault(&mut random);
             let begin = random.uniform() * seconds;
             // From a tenth of a second to some minutes.
-            (fault, begin..begin + 0.1 * 3000.0_f64.powf(random.uniform()))
+            (fault, begin..begin + 0.1 * libm::pow(3000.0_f64, random.uniform()))
         });
         Self(drawn.collect())
     }

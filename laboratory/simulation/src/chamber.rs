@@ -43,19 +43,29 @@ struct FirstOrderLag {
 impl FirstOrderLag {
     fn new(tau_s: f64, temperature_c: f64, chain: &Chain) -> Self {
         let angle = TAU / chain.oscillation_s * tau_s;
-        Self { tau_s, temperature_c, amplitude_c: chain.oscillation_c / angle.hypot(1.0), delay: angle.atan() }
+        Self {
+            tau_s,
+            temperature_c,
+            amplitude_c: chain.oscillation_c / libm::hypot(angle, 1.0),
+            delay: libm::atan(angle),
+        }
     }
 
     /// Advances by `time_s`, in which the air goes from `from` to `to` \[degC\] at `rate` \[degC/s\].
     fn advance(&mut self, from: f64, to: f64, rate: f64, time_s: f64) {
         let lag_c = rate * self.tau_s;
-        self.temperature_c = to - lag_c + (self.temperature_c - from + lag_c) * (-time_s / self.tau_s).exp();
+        self.temperature_c = to - lag_c + (self.temperature_c - from + lag_c) * libm::exp(-time_s / self.tau_s);
     }
 
     /// A lag behind `self` with the time constant `tau_s`, in equilibrium.
     fn followed_by(&self, tau_s: f64, chain: &Chain) -> Self {
         let angle = TAU / chain.oscillation_s * tau_s;
-        Self { tau_s, amplitude_c: self.amplitude_c / angle.hypot(1.0), delay: self.delay + angle.atan(), ..*self }
+        Self {
+            tau_s,
+            amplitude_c: self.amplitude_c / libm::hypot(angle, 1.0),
+            delay: self.delay + libm::atan(angle),
+            ..*self
+        }
     }
 
     /// As [`advance`](Self::advance), for a lag that follows `head`. `head` is still at the beginning of the time.
@@ -63,15 +73,15 @@ impl FirstOrderLag {
         let (head_lag_c, lag_c) = (rate * head.tau_s, rate * (head.tau_s + self.tau_s));
         let (fast, slow) = (self.tau_s.min(head.tau_s), self.tau_s.max(head.tau_s));
         let x = time_s / fast - time_s / slow;
-        let ratio = if x == 0.0 { 1.0 } else { -(-x).exp_m1() / x };
-        let difference_s = time_s * (-time_s / slow).exp() * ratio;
+        let ratio = if x == 0.0 { 1.0 } else { -libm::expm1(-x) / x };
+        let difference_s = time_s * libm::exp(-time_s / slow) * ratio;
         self.temperature_c = to - lag_c
             + (head.temperature_c - from + head_lag_c) * (difference_s / self.tau_s)
-            + (self.temperature_c - from + lag_c) * (-time_s / self.tau_s).exp();
+            + (self.temperature_c - from + lag_c) * libm::exp(-time_s / self.tau_s);
     }
 
     fn at(&self, phase: f64) -> f64 {
-        self.temperature_c + self.amplitude_c * (phase - self.delay).sin()
+        self.temperature_c + self.amplitude_c * libm::sin(phase - self.delay)
     }
 }
 
@@ -239,7 +249,7 @@ mod tests {
             // Euler's method, with the air temperature of the middle of the step.
             let middle = f64::from(count) * step + step / 2.0;
             let air = (20.0 + middle / 60.0).min(30.0)
-                + chain.oscillation_c * (TAU * middle / chain.oscillation_s + 1.0).sin();
+                + chain.oscillation_c * libm::sin(TAU * middle / chain.oscillation_s + 1.0);
             head += (air - head) * step / chain.head_lag_s;
             board += (air - board) * step / chain.board_lag_s;
             chamber.wait(step);

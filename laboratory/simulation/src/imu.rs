@@ -283,7 +283,7 @@ impl SimulatedImu {
         let steps = if vibrates { (ts * chain.vibration_hz * SUB_STEPS).ceil().max(1.0) } else { 1.0 };
         let begin = (((raw.timestamp_ns - raw.interval_ns) as f64 / 1e9) * chain.vibration_hz).fract();
         // The integral of a sin(w t) over a sub-step is a/w (cos(w t0) - cos(w t1)).
-        let cos = |step: f64| (TAU * (begin + ts * chain.vibration_hz * step / steps)).cos();
+        let cos = |step: f64| libm::cos(TAU * (begin + ts * chain.vibration_hz * step / steps));
         let mut before = if vibrates { cos(0.0) } else { 0.0 };
         for step in 1..=steps as u64 {
             let mut vibration = 0.0;

@@ -139,7 +139,7 @@ impl Truth {
         let [tx, ty] = self.tilt_rad;
         let up = Vector3::new(-ty, tx, 1.0).normalize();
         // Right-handed about Z the heading runs from X to north.
-        let (sine, cosine) = self.heading_deg.to_radians().sin_cos();
+        let (sine, cosine) = libm::sincos(self.heading_deg.to_radians());
         let north = Vector3::new(cosine, sine, 0.0);
         let north = (north - up * up.dot(&north)).normalize();
         (north * horizontal_rate(self.latitude_deg) + up * vertical_rate(self.latitude_deg)).into()

@@ -185,7 +185,7 @@ mod tests {
         // The midpoint rule, in steps of 0.5 ms.
         let steps = (seconds * 2000.0) as u32;
         (0..steps)
-            .map(|step| so_far((f64::from(step) + 0.5) / 2000.0).sin_cos())
+            .map(|step| libm::sincos(so_far((f64::from(step) + 0.5) / 2000.0)))
             .fold([0.0; 2], |[ic, is], (sine, cosine)| [ic + cosine / 2000.0, is + sine / 2000.0])
     }
 

@@ -174,9 +174,10 @@ mod tests {
             // The steady state of the oscillation behind a lag, and behind two.
             let angle = |tau_s: f64| TAU / chain.oscillation_s * tau_s;
             let (first, second) = (angle(chain.head_lag_s), angle(LAG_S));
-            let size = chain.oscillation_c / first.hypot(1.0);
-            let head = air_c + case_c + size * (phase - first.atan()).sin();
-            let oscillation = size / second.hypot(1.0) * (phase - first.atan() - second.atan()).sin();
+            let size = chain.oscillation_c / libm::hypot(first, 1.0);
+            let head = air_c + case_c + size * libm::sin(phase - libm::atan(first));
+            let oscillation =
+                size / libm::hypot(second, 1.0) * libm::sin(phase - libm::atan(first) - libm::atan(second));
             Self {
                 chain,
                 phase,
@@ -195,7 +196,7 @@ mod tests {
             for _ in 0..steps as u64 {
                 let middle_s = self.time_s + Self::STEP_S / 2.0;
                 let air = air_c(middle_s)
-                    + self.chain.oscillation_c * (TAU * middle_s / self.chain.oscillation_s + self.phase).sin();
+                    + self.chain.oscillation_c * libm::sin(TAU * middle_s / self.chain.oscillation_s + self.phase);
                 let change = (air - self.head) * Self::STEP_S / self.chain.head_lag_s;
                 let head = self.head + change / 2.0;
                 self.element += (head - self.element) * Self::STEP_S / LAG_S;
@@ -282,7 +283,7 @@ mod tests {
         let schedule = RampSchedule { run, tilt_drift_rad: [1e-3, -2e-3], ..RampSchedule::default() };
         let rows: Vec<_> = ramp(&still, &schedule, 1).map(|raw| rates(&still, &raw)[0]).collect();
         // A3 is up at any inner angle; at 0, A1 would lean by -ty and A2 by tx.
-        let (sine, cosine) = run.angles_deg(&still)[1].to_radians().sin_cos();
+        let (sine, cosine) = libm::sincos(run.angles_deg(&still)[1].to_radians());
         let leaning = [2e-3 * cosine + 1e-3 * sine, 1e-3 * cosine - 2e-3 * sine, 0.0];
         // The means of the first and the last hundred rows are a hundred rows less than the whole apart.
         let mean = |rows: &[[f64; AXES]]| [0, 1, 2].map(|i| rows.iter().map(|row| row[i]).sum::<f64>() / 100.0);

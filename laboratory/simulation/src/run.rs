@@ -81,12 +81,12 @@ impl RunSchedule {
         let [tx, ty] = truth.tilt_rad;
         let up = Vector3::new(-ty, tx, 1.0).normalize();
         // R' up = direction; its third row is up_z cos(outer) - up_y sin(outer) = direction_z.
-        let size = up.y.hypot(up.z);
-        let outer = (direction.z / size).clamp(-1.0, 1.0).acos() - up.y.atan2(up.z);
-        let (sine, cosine) = outer.sin_cos();
+        let size = libm::hypot(up.y, up.z);
+        let outer = libm::acos((direction.z / size).clamp(-1.0, 1.0)) - libm::atan2(up.y, up.z);
+        let (sine, cosine) = libm::sincos(outer);
         // Rx(outer)' up, which the inner angle turns into the direction.
         let before_inner = [up.x, up.y * cosine + up.z * sine];
-        let inner = before_inner[1].atan2(before_inner[0]) - direction.y.atan2(direction.x);
+        let inner = libm::atan2(before_inner[1], before_inner[0]) - libm::atan2(direction.y, direction.x);
         [outer.to_degrees(), inner.to_degrees().rem_euclid(360.0)]
     }
 

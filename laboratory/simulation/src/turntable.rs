@@ -122,12 +122,12 @@ impl Swing {
     }
 
     fn angle_deg(&self) -> f64 {
-        self.amplitude().0 * (TAU * SWING_HZ * self.time_s).sin()
+        self.amplitude().0 * libm::sin(TAU * SWING_HZ * self.time_s)
     }
 
     fn rate_deg_s(&self) -> f64 {
         let (amplitude, growth) = self.amplitude();
-        let (sine, cosine) = (TAU * SWING_HZ * self.time_s).sin_cos();
+        let (sine, cosine) = libm::sincos(TAU * SWING_HZ * self.time_s);
         growth * sine + amplitude * TAU * SWING_HZ * cosine
     }
 }
@@ -236,7 +236,7 @@ mod tests {
         assert_eq!(one.angles_deg()[0], -20.0);
         one.swing(0.05);
         one.wait(1.5);
-        let amplitude = (one.angles_deg()[0] + 20.0).hypot(one.rates_deg_s()[1] / (TAU * SWING_HZ));
+        let amplitude = libm::hypot(one.angles_deg()[0] + 20.0, one.rates_deg_s()[1] / (TAU * SWING_HZ));
         assert!((amplitude - 0.05).abs() < 1e-9, "{amplitude}");
     }
 

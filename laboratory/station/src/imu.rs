@@ -385,7 +385,7 @@ mod tests {
             let station = station(interval_ns);
             let truth = truth(&station);
             let [x, y, z] = truth.earth_rate();
-            assert!((z - EARTH_RATE * 39.9_f64.to_radians().sin()).abs() < 1e-9);
+            assert!((z - EARTH_RATE * libm::sin(39.9_f64.to_radians())).abs() < 1e-9);
             let mut imu = MountedImu::new(&station, &station.imus[0], &truth);
             imu.events.push_back((REST_S, go_to(0, 360.0)));
             imu.events.push_back((REST_S, go_to(1, 0.0)));

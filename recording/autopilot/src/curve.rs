@@ -50,7 +50,7 @@ pub(crate) fn third_order(p: &Polynomial) -> Option<Polynomial> {
     let term = |k: u32| {
         let sum: f64 = (0..NODES)
             .map(|node| std::f64::consts::PI * (f64::from(node) + 0.5) / f64::from(NODES))
-            .map(|angle| p.at(middle + half * angle.cos()) * (f64::from(k) * angle).cos())
+            .map(|angle| p.at(middle + half * libm::cos(angle)) * libm::cos(f64::from(k) * angle))
             .sum();
         sum * 2.0 / f64::from(NODES)
     };

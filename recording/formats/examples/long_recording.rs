@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut random = Random(88_172_645_463_325_252);
     for row in 0..(hours * HOUR as f64) as u64 {
         let timestamp_ns = (row + 1) * 1_000_000;
-        let celsius = 25.0 + ((row / 1000 * 1000) as f64 / 5e6).sin();
+        let celsius = 25.0 + libm::sin((row / 1000 * 1000) as f64 / 5e6);
         let celsius = (celsius * 100.0).round() / 100.0;
         let raw = RawSample {
             session: 1,

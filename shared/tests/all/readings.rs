@@ -43,7 +43,7 @@ prop_compose! {
             1..8,
         ),
     ) -> Vec<Part> {
-        parts.into_iter().map(|(size, sign, ratio)| (sign * 10.0_f64.powf(size), ratio)).collect()
+        parts.into_iter().map(|(size, sign, ratio)| (sign * libm::pow(10.0_f64, size), ratio)).collect()
     }
 }
 
@@ -57,7 +57,7 @@ proptest! {
         interval_ns in 100_000..1_000_000_000_u64,
     ) {
         let resolution =
-            Resolution { accelerometer: 10.0_f64.powf(resolution.0), gyroscope: 10.0_f64.powf(resolution.1) };
+            Resolution { accelerometer: libm::pow(10.0_f64, resolution.0), gyroscope: libm::pow(10.0_f64, resolution.1) };
         let mut readings = Readings::new(resolution, interval_ns);
         // The samples go through these again and again, so that the integral is known without rounding.
         let cycle: Vec<_> = parts

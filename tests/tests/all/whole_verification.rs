@@ -29,7 +29,7 @@ fn table_text(earth: [f64; 3]) -> String {
 
 /// `v` of the base in IMU coordinates at the angles.
 fn in_imu([outer, inner]: [f64; 2], v: [f64; 3]) -> [f64; 3] {
-    let ((so, co), (si, ci)) = (outer.to_radians().sin_cos(), inner.to_radians().sin_cos());
+    let ((so, co), (si, ci)) = (libm::sincos(outer.to_radians()), libm::sincos(inner.to_radians()));
     let y = co * v[1] + so * v[2];
     [ci * v[0] + si * y, -si * v[0] + ci * y, -so * v[1] + co * v[2]]
 }

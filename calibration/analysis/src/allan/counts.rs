@@ -78,7 +78,7 @@ fn new_values(counts: &[f64], step: f64) -> f64 {
         steps.filter(|steps| (least..most).contains(steps)).count() as f64
     };
     let (single, double) = (within(0.5, 1.5), within(1.5, 2.5).max(1.0));
-    let by_chance = 0.5 * single * (single / double).max(1.0).cbrt();
+    let by_chance = 0.5 * single * libm::cbrt((single / double).max(1.0));
     1.0 - (within(0.0, 0.5) - by_chance).max(0.0) / within(0.0, f64::INFINITY)
 }
 

@@ -5,8 +5,8 @@ use crate::allan::filter::filtered;
 use crate::allan::model::ModelFit;
 use crate::allan::moments::Moments;
 use crate::allan::step::{Step, take_out};
-use isotherm_statistics::{CONFIDENCE, mean};
-use statrs::distribution::{ChiSquared, ContinuousCDF as _};
+use isotherm_statistics::{CONFIDENCE, chi_square_limit, mean};
+
 /// Fewest rates that are analysed.
 pub const MIN_ROWS: usize = 1000;
 
@@ -187,7 +187,6 @@ impl TemperatureLine {
 /// The ends of the 95 % interval of a deviation over its estimate, with these degrees of freedom; `None` if they are
 /// not over 0.
 fn chi_square_interval(freedom: f64) -> Option<[f64; 2]> {
-    let distribution = ChiSquared::new(freedom).ok()?;
     let tail = 0.5 * (1.0 - CONFIDENCE);
-    Some([1.0 - tail, tail].map(|part| (freedom / distribution.inverse_cdf(part)).sqrt()))
+    (freedom > 0.0).then(|| [tail, 1.0 - tail].map(|part| (freedom / chi_square_limit(part, freedom)).sqrt()))
 }

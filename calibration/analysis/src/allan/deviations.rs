@@ -67,7 +67,7 @@ pub(super) fn variance_of(phase: &[f64], m: usize, interval_s: f64, value: impl 
 /// The averaging factors of n rates: thirds of octaves from 1 to n/3, rounded, each once.
 #[must_use]
 pub(crate) fn factors(n: usize) -> Vec<usize> {
-    let thirds = (0..).map(|third| 2_f64.powf(f64::from(third) / 3.0).round() as usize);
+    let thirds = (0..).map(|third| libm::pow(2_f64, f64::from(third) / 3.0).round() as usize);
     let mut factors: Vec<_> = thirds.take_while(|m| *m <= n / 3).collect();
     factors.dedup();
     factors

@@ -42,7 +42,7 @@ pub(super) fn filtered(
     let judge = if model.holds() { Some(model) } else { longer.as_ref() };
     let expected = judge.map_or(0.0, |model| model.of_means(1, 1) - model.of_means(1, 2));
     let of_model = judge.map_or(0.0, |judge| error_of_model(judge, interval_s, model.holds()));
-    let errors = (mean - expected) / error.hypot(of_model);
+    let errors = (mean - expected) / libm::hypot(error, of_model);
     (errors > ERRORS).then_some(FilterFit { errors, model: longer })
 }
 
@@ -51,7 +51,7 @@ fn error_of_model(model: &ModelFit, interval_s: f64, quantised: bool) -> f64 {
     let [quantisation, _, flicker, walk] = &model.coefficients;
     let error = |it: &Coefficient| it.range.map_or(0.0, |[_, high]| (high * high - it.value * it.value) / QUANTILE);
     let fast = if quantised { error(quantisation) / (interval_s * interval_s) } else { 0.0 };
-    fast.hypot(SLOW[0] * error(flicker)).hypot(SLOW[1] * error(walk) * interval_s)
+    libm::hypot(libm::hypot(fast, SLOW[0] * error(flicker)), SLOW[1] * error(walk) * interval_s)
 }
 
 /// c1 - c2, and its standard error.

@@ -7,9 +7,8 @@
 //! sets of coefficients is fitted; of those without a negative square the one with the least chi-square is the fit.
 
 use super::moments::{Moments, autocovariance};
-use isotherm_statistics::{CONFIDENCE, root};
+use isotherm_statistics::{NORMAL_QUANTILE, root};
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
-use statrs::distribution::{ContinuousCDF as _, Normal};
 
 /// The letters of the coefficients, in their order.
 pub const COEFFICIENTS: [&str; 4] = ["Q", "N", "B", "K"];
@@ -163,17 +162,16 @@ impl ModelFit {
 /// estimate by 1.96 times the standard error that it has itself. Standard errors rise with the square, so a range by
 /// that of the estimate is too short above.
 fn range(estimate: f64, first: f64, error: impl Fn(f64) -> f64) -> [f64; 2] {
-    let quantile = Normal::standard().inverse_cdf(0.5 * (1.0 + CONFIDENCE));
-    let mut high = estimate + quantile * first;
+    let mut high = estimate + NORMAL_QUANTILE * first;
     for _ in 0..ITERATIONS {
-        let next = estimate + quantile * error(high);
+        let next = estimate + NORMAL_QUANTILE * error(high);
         let settled = (next - high).abs() <= 1e-3 * (next - estimate);
         high = next;
         if settled {
             break;
         }
     }
-    [estimate - quantile * first, high]
+    [estimate - NORMAL_QUANTILE * first, high]
 }
 
 /// A fit with given weights.

@@ -102,7 +102,8 @@ impl Moments {
 /// The generalised autocovariance G of the phase at t, over the squares of Q, N, B, K for Ts = 1.
 pub(super) fn autocovariance(t: f64) -> Vector4<f64> {
     let size = t.abs();
-    let [quantisation, flicker] = if size == 0.0 { [1.0, 0.0] } else { [0.0, size * size * size.ln() / (2.0 * PI)] };
+    let [quantisation, flicker] =
+        if size == 0.0 { [1.0, 0.0] } else { [0.0, size * size * libm::log(size) / (2.0 * PI)] };
     Vector4::new(quantisation, -0.5 * size, flicker, size.powi(3) / 12.0)
 }
 

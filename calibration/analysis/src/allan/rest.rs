@@ -75,7 +75,7 @@ impl Rest {
                     .collect::<Vec<_>>(),
             );
             let at_rest = local.into_iter().map(|rest| range.start + rest.start..range.start + rest.end).collect();
-            let level = poses.noise.iter().map(|noise| 2.0 * noise.ln()).sum::<f64>() / poses.noise.len() as f64;
+            let level = poses.noise.iter().map(|noise| 2.0 * libm::log(*noise)).sum::<f64>() / poses.noise.len() as f64;
             pieces.push(Piece { rows: range, at_rest, level });
         }
         match failed {

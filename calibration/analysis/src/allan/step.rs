@@ -133,7 +133,7 @@ fn whitened(model: &ModelFit, length: usize, vectors: [&[f64]; 2]) -> Option<(f6
         if !(variance > 0.0 && variance.is_finite()) {
             return None;
         }
-        determinant += variance.ln();
+        determinant += libm::log(variance);
         for (white, vector) in white.iter_mut().zip(vectors) {
             let predicted: f64 = weights.iter().zip(vector[..row].iter().rev()).map(|(w, x)| w * x).sum();
             white.push((vector[row] - predicted) / variance.sqrt());

@@ -27,7 +27,7 @@ fn by_definition(factors: [usize; 2], n: usize, squares: [f64; 4]) -> f64 {
     let [l1, l2] = factors.map(|m| (n + 1 - 2 * m) as i64);
     let g = |t: f64| {
         let size = t.abs();
-        let [quantisation, flicker] = if size == 0.0 { [1.0, 0.0] } else { [0.0, size * size * size.ln()] };
+        let [quantisation, flicker] = if size == 0.0 { [1.0, 0.0] } else { [0.0, size * size * libm::log(size)] };
         let parts = [quantisation, -size / 2.0, flicker / core::f64::consts::TAU, size.powi(3) / 12.0];
         parts.iter().zip(squares).map(|(part, square)| part * square).sum::<f64>()
     };
@@ -128,7 +128,7 @@ fn rest_and_motion(seed: u64) -> Vec<RawSample> {
     let row = |row: u64| {
         let mut raw = RawSample { sequence: row, timestamp_ns: (row + 1) * 10_000_000, ..RawSample::default() };
         raw.interval_ns = 10_000_000;
-        let moves = if (6000..7000).contains(&row) { 4000.0 * (row as f64 / 15.0).sin() } else { 0.0 };
+        let moves = if (6000..7000).contains(&row) { 4000.0 * libm::sin(row as f64 / 15.0) } else { 0.0 };
         raw.accelerometers.positive_pulses =
             [5000.0, 6000.0, 20_000.0].map(|mean: f64| (mean + moves + 20.0 * random.normal()).round() as u32);
         raw.accelerometers.head_temperature = [20.0 + (row / 500) as f64 / 10.0; 3];

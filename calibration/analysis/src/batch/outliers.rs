@@ -1,7 +1,6 @@
 //! Which unit of a batch stands out, and how far off a device must be to be found.
 
 use isotherm_statistics::student_quantile_of;
-use statrs::function::erf::erfc;
 
 /// Fewest devices that anything is said of.
 pub(crate) const FEWEST_DEVICES: usize = 5;
@@ -130,8 +129,8 @@ fn exceeds(limit: f64, freedom: usize, noncentrality: f64) -> f64 {
     // Beyond 5 the density is nothing, also with 3 degrees of freedom.
     let steps = (0..STEPS).map(|i| 5.0 * (f64::from(i) + 0.5) / f64::from(STEPS));
     let n = freedom as f64;
-    let density = |s: f64| ((n - 1.0) * s.ln() - n * s * s / 2.0 + n / 2.0).exp();
-    let normal = |z: f64| 0.5 * erfc(-z / core::f64::consts::SQRT_2);
+    let density = |s: f64| libm::exp((n - 1.0) * libm::log(s) - n * s * s / 2.0 + n / 2.0);
+    let normal = |z: f64| 0.5 * libm::erfc(-z / core::f64::consts::SQRT_2);
     let (sum, total) = steps
         .fold((0.0, 0.0), |(sum, total), s| (sum + density(s) * normal(noncentrality - limit * s), total + density(s)));
     sum / total

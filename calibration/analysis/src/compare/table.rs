@@ -174,13 +174,14 @@ impl Form {
                 alignment[1] = triangular.rotation * alignment[1];
                 // To first order the angles of the rotation are the misalignments below the diagonal.
                 alignment_error[1] = alignment_error[1].zip(alignment_error[0]).map(|(own, angles)| {
-                    let turned = |i: usize, j: usize| own[(i, j)].hypot(angles[(i.max(j), i.min(j))]);
+                    let turned = |i: usize, j: usize| libm::hypot(own[(i, j)], angles[(i.max(j), i.min(j))]);
                     Matrix3::from_fn(|i, j| if i == j { own[(i, j)] } else { turned(i, j) })
                 });
             }
             // To first order a misalignment of the triangle is the sum of the two that are opposite in the full matrix.
-            alignment_error[0] = alignment_error[0]
-                .map(|error| Matrix3::from_fn(|i, j| if i < j { error[(i, j)].hypot(error[(j, i)]) } else { 0.0 }));
+            alignment_error[0] = alignment_error[0].map(|error| {
+                Matrix3::from_fn(|i, j| if i < j { libm::hypot(error[(i, j)], error[(j, i)]) } else { 0.0 })
+            });
         }
         let curves = table.sensors().enumerate().map(|(index, (kind, _, axis))| {
             let scale = scales[index];

@@ -103,7 +103,7 @@ impl Level {
     pub(super) fn at_rest(&self, windows: &Windows) -> Vec<bool> {
         let over_noise =
             |variances: &Counts| (0..AXES).map(|axis| variances[axis] / self.variance[axis]).sum::<f64>() / AXES as f64;
-        let levels: Vec<f64> = windows.variances.iter().map(|variances| over_noise(variances).ln()).collect();
+        let levels: Vec<f64> = windows.variances.iter().map(|variances| libm::log(over_noise(variances))).collect();
         let of_level = || levels.iter().zip(&self.windows).filter(|(_, at_it)| **at_it).map(|(level, _)| *level);
         let usual = median(of_level());
         let below: Vec<f64> = of_level().map(|level| usual - level).filter(|below| *below > 0.0).collect();

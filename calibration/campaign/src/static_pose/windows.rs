@@ -133,7 +133,7 @@ impl Windows {
                 let least = [0, 1, 2].map(|axis| variance[axis].max(floor[axis]));
                 self.means.push([0, 1, 2].map(|axis| near[axis] + sum[axis] / n));
                 self.live.push((0..AXES).any(|axis| variance[axis] > LIVE * floor[axis]));
-                self.levels.push(least.iter().map(|variance| variance.ln()).sum::<f64>() / AXES as f64);
+                self.levels.push(least.iter().map(|variance| libm::log(*variance)).sum::<f64>() / AXES as f64);
                 self.variances.push(least);
             }
         }

@@ -141,10 +141,10 @@ impl Trials<'_> {
         let distance = |outer: f64, inner: f64| (Vector3::from(specific_force(outer, inner)) - at).norm();
         let before = distance(outer, inner);
         // f = (sin(outer) sin(inner), sin(outer) cos(inner), cos(outer)), with one of the angles as it is stated.
-        let (sin_inner, cos_inner) = inner.to_radians().sin_cos();
-        let outer_at = (at[0] * sin_inner + at[1] * cos_inner).atan2(at[2]).to_degrees();
-        let sign = outer.to_radians().sin().signum();
-        let inner_at = (sign * at[0]).atan2(sign * at[1]).to_degrees();
+        let (sin_inner, cos_inner) = libm::sincos(inner.to_radians());
+        let outer_at = libm::atan2(at[0] * sin_inner + at[1] * cos_inner, at[2]).to_degrees();
+        let sign = libm::sin(outer.to_radians()).signum();
+        let inner_at = libm::atan2(sign * at[0], sign * at[1]).to_degrees();
         let near = |angle: f64, stated: f64| stated + (angle - stated + 180.0).rem_euclid(360.0) - 180.0;
         let (outer_at, inner_at) = (near(outer_at, outer), near(inner_at, inner));
         let (by_outer, by_inner) = (distance(outer_at, inner), distance(outer, inner_at));

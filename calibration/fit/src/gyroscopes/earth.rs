@@ -78,7 +78,7 @@ impl EarthCheck {
             return None;
         }
         let latitude = campaign.latitude_deg?;
-        let looks = match (self.found / EARTH_RATE).acos().to_degrees() {
+        let looks = match libm::acos(self.found / EARTH_RATE).to_degrees() {
             other if other.is_finite() => format!("looks like {:.2} or {:.2} degrees", other, -other),
             _ => "is more than the whole of Earth's rate".to_owned(),
         };
@@ -144,7 +144,7 @@ impl LeftOver {
         let rate = horizontal_rate(campaign.latitude_deg.unwrap_or_default());
         // The worst heading of each place, and all of them in one direction.
         let most = |axis: usize, k: usize| -> f64 {
-            effects.chunks(2).map(|pair| pair[0][axis][k].hypot(pair[1][axis][k])).sum::<f64>() * rate
+            effects.chunks(2).map(|pair| libm::hypot(pair[0][axis][k], pair[1][axis][k])).sum::<f64>() * rate
         };
         let largest = |parameters: core::ops::Range<usize>| {
             let all = (0..AXES).flat_map(|axis| parameters.clone().map(move |k| (axis, k)));

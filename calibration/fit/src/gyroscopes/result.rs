@@ -56,7 +56,8 @@ impl GyroscopeCalibration {
     #[must_use]
     pub fn left_without_alignment(&self, table: &CoefficientTable) -> Option<f64> {
         let aligned = table.content().gyroscopes.as_ref().is_some_and(|gyroscopes| gyroscopes.alignment.is_some());
-        let across = self.solution.gyroscopes.iter().map(|axis| axis.misalignment[0].hypot(axis.misalignment[1]));
+        let across =
+            self.solution.gyroscopes.iter().map(|axis| libm::hypot(axis.misalignment[0], axis.misalignment[1]));
         (!aligned && is_alignment_needed(&self.solution)).then(|| largest(across))
     }
 

@@ -42,9 +42,9 @@ impl TurnIntegrals {
         for (block, rotation) in blocks.iter().zip(rotations) {
             let half = 0.5 * rotation * factor;
             // The mean over an angle from a to b is that at the middle times sin(h)/h, with h = (b - a)/2.
-            let mean = if half.abs() < 1e-4 { 1.0 - half * half / 6.0 } else { half.sin() / half };
-            cosine += block.seconds * mean * (phi + half).cos();
-            sine += block.seconds * mean * (phi + half).sin();
+            let mean = if half.abs() < 1e-4 { 1.0 - half * half / 6.0 } else { libm::sin(half) / half };
+            cosine += block.seconds * mean * libm::cos(phi + half);
+            sine += block.seconds * mean * libm::sin(phi + half);
             phi += 2.0 * half;
         }
         Self { cosine, sine }

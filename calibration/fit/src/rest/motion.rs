@@ -32,7 +32,7 @@ pub(super) fn moving(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<bool> 
         let of_bins: Vec<_> = rates.iter().zip(steps).map(|(all, step)| logs(&changes(all), *step)).collect();
         for logs in [of_rows, of_bins] {
             for (bin, excess) in excesses(&logs, &is_known).into_iter().enumerate() {
-                is_moving[bin] |= excess > FACTOR.ln();
+                is_moving[bin] |= excess > libm::log(FACTOR);
             }
         }
     }
@@ -48,7 +48,10 @@ pub(super) fn moving(bins: &Bins, causes: &[Option<LeftOutCause>]) -> Vec<bool> 
 fn logs(variances: &[Option<f64>], step: f64) -> Vec<Option<f64>> {
     // A value that changes between two steps has a quarter of a squared step.
     let floor = step * step / 4.0;
-    variances.iter().map(|variance| variance.map(|variance| variance.max(floor).max(f64::MIN_POSITIVE).ln())).collect()
+    variances
+        .iter()
+        .map(|variance| variance.map(|variance| libm::log(variance.max(floor).max(f64::MIN_POSITIVE))))
+        .collect()
 }
 
 /// Variance of a bin of white noise, by the median of the squared second differences nearby.
@@ -76,7 +79,7 @@ fn excesses(logs: &[Vec<Option<f64>>], is_known: &[bool]) -> Vec<f64> {
         let place = (all.len() as f64 * QUIETEST) as usize;
         let quietest = *all.select_nth_unstable_by(place, f64::total_cmp).1;
         // An axis that is dead, or coarse, for a tenth of the recording says nothing.
-        if quietest <= f64::MIN_POSITIVE.ln() + 1.0 {
+        if quietest <= libm::log(f64::MIN_POSITIVE) + 1.0 {
             continue;
         }
         for (sum, log) in sums.iter_mut().zip(axis) {

@@ -244,7 +244,7 @@ impl Ramps {
             let curve = self.columns(Column::Curve).start;
             row[curve..curve + CURVE].copy_from_slice(&chebyshev(x));
             row[self.columns(Column::Transient).start] = differences[i];
-            row[own(Column::Start)] = if block.age_s < START * tau_s { (-block.age_s / tau_s).exp() } else { 0.0 };
+            row[own(Column::Start)] = if block.age_s < START * tau_s { libm::exp(-block.age_s / tau_s) } else { 0.0 };
             row[self.columns(Column::Plays)].copy_from_slice(&bias.plays[i]);
             row[own(Column::Time)] = block.time;
             row[count] = bias.values[i];

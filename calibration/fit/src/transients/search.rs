@@ -55,8 +55,8 @@ impl<'a> Grid<'a> {
         let taus_s = match given_s {
             Some(tau_s) => vec![tau_s],
             None => {
-                let steps = ((high / low).log2() * PER_OCTAVE).ceil().max(0.0);
-                let tau = |step: f64| if steps == 0.0 { low } else { low * (high / low).powf(step / steps) };
+                let steps = (libm::log2(high / low) * PER_OCTAVE).ceil().max(0.0);
+                let tau = |step: f64| if steps == 0.0 { low } else { low * libm::pow(high / low, step / steps) };
                 (0..=steps as u32).map(|step| tau(f64::from(step))).collect()
             }
         };
@@ -76,7 +76,7 @@ impl<'a> Grid<'a> {
             checkpoint();
             let of = |bias: usize| {
                 let squares = self.totals[tau][bias].clone().minus(&without(tau, bias)).solve(used).squares;
-                n * (squares / n).max(f64::MIN_POSITIVE).ln()
+                n * libm::log((squares / n).max(f64::MIN_POSITIVE))
             };
             (0..self.ramps.biases.len()).map(of).sum::<f64>()
         };
@@ -87,7 +87,7 @@ impl<'a> Grid<'a> {
             self.taus_s[best]
         } else {
             let shift = vertex([objective[best - 1], objective[best], objective[best + 1]]);
-            self.taus_s[best] * (self.taus_s[best + 1] / self.taus_s[best]).powf(shift)
+            self.taus_s[best] * libm::pow(self.taus_s[best + 1] / self.taus_s[best], shift)
         };
         Minimum { tau_s, at_end, objective }
     }
@@ -128,7 +128,7 @@ impl<'a> Grid<'a> {
                     pieces.fold(self.none(bias), |sum, piece| sum.plus(piece))
                 };
                 let own_tau_s = self.minimum(used, without).tau_s;
-                found.log_tau.push(own_tau_s.ln());
+                found.log_tau.push(libm::log(own_tau_s));
                 for bias in 0..self.ramps.biases.len() {
                     let at = |tau: usize| {
                         let equations = self.totals[tau][bias].clone().minus(&without(tau, bias));
@@ -147,8 +147,8 @@ impl<'a> Grid<'a> {
         if self.taus_s.len() < 3 {
             return at(0);
         }
-        let step = (self.taus_s[1] / self.taus_s[0]).ln();
-        let place = (tau_s / self.taus_s[0]).ln() / step;
+        let step = libm::log(self.taus_s[1] / self.taus_s[0]);
+        let place = libm::log(tau_s / self.taus_s[0]) / step;
         let middle = (place.round() as usize).clamp(1, self.taus_s.len() - 2);
         let x = place - middle as f64;
         let [before, here, after] = [middle - 1, middle, middle + 1].map(at);

@@ -172,7 +172,7 @@ fn factor(found: &[Option<[f64; AXES]>], names: &Names<'_>) -> Option<Finding> {
     let known = || found.iter().enumerate().filter_map(|(group, found)| Some((group, (*found)?)));
     let ratios = |(group, ours): (usize, [f64; AXES])| {
         let others = |axis: usize| median(known().filter(|(other, _)| *other != group).map(|(_, found)| found[axis]));
-        (group, [0, 1, 2].map(|axis| (ours[axis] / others(axis)).ln()))
+        (group, [0, 1, 2].map(|axis| libm::log(ours[axis] / others(axis))))
     };
     let size = |ratios: &[f64; AXES]| ratios.iter().map(|ratio| ratio.abs()).fold(0.0, f64::max);
     let all = known().map(ratios).filter(|(_, ratios)| ratios.iter().all(|ratio| ratio.is_finite()));
@@ -181,7 +181,7 @@ fn factor(found: &[Option<[f64; AXES]>], names: &Names<'_>) -> Option<Finding> {
     if axes.is_empty() {
         return None;
     }
-    let ratio = (axes.iter().map(|axis| ratios[*axis]).sum::<f64>() / axes.len() as f64).exp();
+    let ratio = libm::exp(axes.iter().map(|axis| ratios[*axis]).sum::<f64>() / axes.len() as f64);
     let place = if known().count() == 2 {
         let other = known().map(|(other, _)| other).find(|other| *other != group)?;
         format!("one of {} and {}", names(group), names(other))

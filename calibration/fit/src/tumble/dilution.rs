@@ -41,7 +41,7 @@ pub struct Dilution {
 fn sphere() -> impl Iterator<Item = Vector3<f64>> {
     (0..ATTITUDES).map(|k| {
         let z = 1.0 - (2 * k + 1) as f64 / ATTITUDES as f64;
-        let (sin, cos) = (k as f64 * GOLDEN_ANGLE).sin_cos();
+        let (sin, cos) = libm::sincos(k as f64 * GOLDEN_ANGLE);
         let radius = (1.0 - z * z).sqrt();
         Vector3::new(radius * cos, radius * sin, z)
     })

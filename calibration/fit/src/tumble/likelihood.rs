@@ -130,10 +130,10 @@ impl Likelihood {
         let size = self.reduced.right.len();
         let all = &shared * shared.transpose() + DMatrix::identity(size, size) * variances[NOISE];
         let cholesky = all.cholesky()?;
-        let determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
+        let determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|value| libm::log(*value)).sum::<f64>();
         let squares = self.reduced.right.dot(&cholesky.solve(&self.reduced.right));
         let (others, noise) = (self.reduced.others as f64, variances[NOISE]);
-        Some(-determinant - squares - others * noise.ln() - self.reduced.other_squares / noise)
+        Some(-determinant - squares - others * libm::log(noise) - self.reduced.other_squares / noise)
     }
 
     fn has(&self, kind: usize) -> bool {

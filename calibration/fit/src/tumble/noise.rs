@@ -39,7 +39,7 @@ pub fn errors_of_means(readings: &[Reading]) -> Vec<[f64; AXES]> {
         let n = reading.rows.len() as f64;
         [0, 1, 2].map(|axis| {
             let [w, q] = parts[axis];
-            ((w + q / n) / n).sqrt().hypot(rounding[axis])
+            libm::hypot(((w + q / n) / n).sqrt(), rounding[axis])
         })
     };
     readings.iter().map(errors).collect()

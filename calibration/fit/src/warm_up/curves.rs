@@ -57,7 +57,7 @@ pub(super) struct Scatter {
 
 impl Scatter {
     fn variance(&self, count: f64) -> f64 {
-        self.white / count + self.floor * (self.usual / count).powf(LESS)
+        self.white / count + self.floor * libm::pow(self.usual / count, LESS)
     }
 }
 

@@ -91,12 +91,12 @@ fn chosen(tried: &[TriedOrder]) -> usize {
 fn is_better(errors: &[f64], cubic: &[f64]) -> bool {
     let is_whole = !errors.is_empty() && errors.len() == cubic.len();
     is_whole
-        && mean_log(errors) < mean_log(cubic) + BETTER.ln()
+        && mean_log(errors) < mean_log(cubic) + libm::log(BETTER)
         && errors.iter().zip(cubic).all(|(error, cubic)| error <= cubic)
 }
 
 fn mean_log(errors: &[f64]) -> f64 {
-    errors.iter().map(|error| error.max(NONE).ln()).sum::<f64>() / errors.len().max(1) as f64
+    errors.iter().map(|error| libm::log(error.max(NONE))).sum::<f64>() / errors.len().max(1) as f64
 }
 
 /// What curves of this order leave of each sweep when it is left out, about its own mean, rms over the sweeps; `None`

@@ -100,7 +100,7 @@ fn number(value: Option<f64>) -> Cell {
 /// digits.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = 4_usize.saturating_sub(value.abs().max(1.0).log10() as usize);
+        let digits = 4_usize.saturating_sub(libm::log10(value.abs().max(1.0)) as usize);
         format!("{value:.digits$}")
     } else {
         format!("{value:.2e}")

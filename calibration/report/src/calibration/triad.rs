@@ -221,7 +221,7 @@ impl Budget {
             standard_error: [0, 1, 2].map(mean),
             leave_one_out: [0, 1, 2].map(leave_one_out),
             slope: [0, 1, 2].map(slope),
-            misalignment: triad.misalignment_error[axis].map(|errors| errors[0].hypot(errors[1])),
+            misalignment: triad.misalignment_error[axis].map(|errors| libm::hypot(errors[0], errors[1])),
         }
     }
 }

@@ -149,7 +149,7 @@ fn a_bias_that_drifts_by_50_mg0_counts_against_the_table() {
 fn windows_in_motion_are_left_out_and_counted() {
     let shaken = recording(CONSUMER, |row| {
         let on = (2700..2970).contains(&row);
-        ([if on { 0.3 * (f64::from(row) * 0.4).sin() } else { 0.0 }; AXES], [0.0; AXES])
+        ([if on { 0.3 * libm::sin(f64::from(row) * 0.4) } else { 0.0 }; AXES], [0.0; AXES])
     });
     let tilted =
         recording(CONSUMER, |row| ([if (2700..2970).contains(&row) { 0.17 } else { 0.0 }, 0.0, 0.0], [0.0; AXES]));
@@ -190,7 +190,7 @@ fn windows_in_motion_are_left_out_and_counted() {
 fn under_half_of_the_windows_is_not_enough() {
     let found = verified(
         &recording(CONSUMER, |row| {
-            ([if row > 3000 { 0.3 * (f64::from(row) * 0.4).sin() } else { 0.0 }; AXES], [0.0; AXES])
+            ([if row > 3000 { 0.3 * libm::sin(f64::from(row) * 0.4) } else { 0.0 }; AXES], [0.0; AXES])
         }),
         Some(FORCE),
         LocalGravity::Stated(GRAVITY),
@@ -212,7 +212,10 @@ fn under_half_of_the_windows_is_not_enough() {
 fn a_recording_in_motion_is_not_judged() {
     let run = recording(CONSUMER, |row| {
         let t = f64::from(row) * 0.368;
-        ([0.5 * (0.7 * t).sin(), 0.4 * (0.31 * t).cos(), 0.3 * (1.1 * t).sin()], [9e4 * (0.5 * t).sin(); AXES])
+        (
+            [0.5 * libm::sin(0.7 * t), 0.4 * libm::cos(0.31 * t), 0.3 * libm::sin(1.1 * t)],
+            [9e4 * libm::sin(0.5 * t); AXES],
+        )
     });
     let table = table();
     let mut collector = Collector::new(&table, 10.0);

@@ -175,14 +175,14 @@ mod tests {
     #[test]
     fn a_cubic_whose_lower_terms_have_no_effect_is_found() {
         // The Legendre polynomial of order 3 has no linear or quadratic regression.
-        let scatter = |x: f64| 1e-3 * (1e4 * x).sin();
+        let scatter = |x: f64| 1e-3 * libm::sin(1e4 * x);
         let choice = choose(&regression(|x| (5.0 * x * x * x - 3.0 * x) / 2.0 + scatter(x)), &Rule::default());
         assert_eq!(choice.order, 3, "{}", choice.reason);
     }
 
     #[test]
     fn an_effect_too_small_to_matter_is_refused_and_said_so() {
-        let data = regression(|x| 5.0 * x + 0.1 * x * x + 1e-4 * (1e4 * x).sin());
+        let data = regression(|x| 5.0 * x + 0.1 * x * x + 1e-4 * libm::sin(1e4 * x));
         assert_eq!(choose(&data, &Rule::default()).order, 2);
         let choice = choose(&data, &Rule { effect: Some(0.5), ..Rule::default() });
         assert_eq!(choice.order, 1);
@@ -195,7 +195,7 @@ mod tests {
             let points = (0..15).map(|i| {
                 let x = f64::from(i) / 7.0 - 1.0;
                 let weight = (factor * if i % 2 == 0 { 1.0 } else { 2.0 }).into();
-                DataPoint { weight, ..DataPoint::new(x, 5.0 * x + 0.02 * x * x + 0.01 * (1e4 * x).sin()) }
+                DataPoint { weight, ..DataPoint::new(x, 5.0 * x + 0.02 * x * x + 0.01 * libm::sin(1e4 * x)) }
             });
             Regression::new(points.collect(), 4).unwrap()
         };
@@ -216,7 +216,7 @@ mod tests {
     fn no_rounded_probability_contradicts_its_sentence() {
         assert_eq!(against("p", 0.003, 0.0025), "p 3.0e-3, limit 2.5e-3");
         assert_eq!(against("p", 0.002_504, 0.0025), "p 2.504e-3, limit 2.500e-3");
-        let data = regression(|x| 5.0 * x + 0.1 * x * x + 0.3 * (1e4 * x).sin());
+        let data = regression(|x| 5.0 * x + 0.1 * x * x + 0.3 * libm::sin(1e4 * x));
         let reason = choose(&data, &Rule::default()).reason;
         assert!(!reason.contains("p 0.00"), "{reason}");
     }
@@ -228,14 +228,14 @@ mod tests {
             own_error: own.map(|sd| PureError { variance: sd * sd, freedom: 100.0 }),
             ..Rule::default()
         };
-        let line = |x: f64| 1.0 + x + 1e-3 * (1e4 * x).sin();
+        let line = |x: f64| 1.0 + x + 1e-3 * libm::sin(1e4 * x);
         assert_eq!(choose(&regression(line), &Rule::default()).order, 1);
         for own in [None, Some(1e-3), Some(1e-2)] {
             let found = choose(&regression(line), &rule(own));
             assert_eq!(found.order, 3, "{}", found.reason);
         }
         // A term above the cubic is significant, and smaller than the points' own errors.
-        let fourth = |x: f64| 1.0 + x.powi(3) + 1e-2 * (8.0 * x.powi(4) - 8.0 * x * x) + 1e-3 * (1e4 * x).sin();
+        let fourth = |x: f64| 1.0 + x.powi(3) + 1e-2 * (8.0 * x.powi(4) - 8.0 * x * x) + 1e-3 * libm::sin(1e4 * x);
         for (own, order) in [(None, 4), (Some(1e-3), 4), (Some(1e-2), 3)] {
             let found = choose(&regression(fourth), &rule(own));
             assert_eq!(found.order, order, "{own:?}: {}", found.reason);
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn scatter_is_a_constant_and_an_exact_fit_needs_no_test() {
-        assert_eq!(choose(&regression(|x| (1e4 * x).sin()), &Rule::default()).order, 0);
+        assert_eq!(choose(&regression(|x| libm::sin(1e4 * x)), &Rule::default()).order, 0);
         let choice = choose(&regression(|x| 1.0 + x * x), &Rule::default());
         assert_eq!(choice.order, 2, "{}", choice.reason);
     }

@@ -77,7 +77,7 @@ pub(super) fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
             .map(|value| value / unit)
             .all(|count| (count - count.round()).abs() <= 4.0 * f64::EPSILON * count.abs())
     };
-    let first = if size > 0.0 { size.log10().floor() as i32 } else { 0 };
+    let first = if size > 0.0 { libm::log10(size).floor() as i32 } else { 0 };
     let units = (0..17).map(|digit| 10_f64.powi(first - digit));
     let unit = units.clone().find(|unit| is_multiple(*unit)).unwrap_or(0.0);
     if unit * COARSE > high - low { spacing } else { unit.max(spacing) }

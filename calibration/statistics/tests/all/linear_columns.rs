@@ -46,13 +46,13 @@ fn column(name: &str, values: &[DoubleDouble]) -> LinearColumn {
 
 /// Scatter between -1 and 1, without pattern.
 fn scatter(index: usize) -> f64 {
-    (1e4 * (index as f64 + 0.5)).sin()
+    libm::sin(1e4 * (index as f64 + 0.5))
 }
 
 /// Temperature that heats and cools twice, and the same behind a lag, with this many decimals.
 fn temperature(decimals: usize) -> (Vec<DoubleDouble>, Vec<DoubleDouble>) {
-    let u = |i: usize| 2.5 - 1.4 * (i as f64 / 20.0).cos();
-    let lagged = |i: usize| 2.5 - 1.4 * (i as f64 / 20.0 - 0.2).cos() + 0.02 * (i as f64 / 7.0).sin();
+    let u = |i: usize| 2.5 - 1.4 * libm::cos(i as f64 / 20.0);
+    let lagged = |i: usize| 2.5 - 1.4 * libm::cos(i as f64 / 20.0 - 0.2) + 0.02 * libm::sin(i as f64 / 7.0);
     let written = |value: f64| number(&format!("{value:.decimals$}"));
     ((0..250).map(|i| written(u(i))).collect(), (0..250).map(|i| written(lagged(i))).collect())
 }
@@ -225,7 +225,7 @@ fn columns_that_say_the_same_are_refused_by_name() {
             both.map(|(u, lagged)| number(&format!("{:.decimals$}", of(u.value(), lagged.value())))).collect()
         };
         let exact: Vec<_> = lagged.iter().zip(&u).map(|(&lagged, &u)| lagged - u).collect();
-        let other = derive(&|u, _| (3.0 * u).sin());
+        let other = derive(&|u, _| libm::sin(3.0 * u));
         for (columns, named) in [
             (vec![("same", u.clone())], vec!["same", "u"]),
             (vec![("fahrenheit", derive(&|u, _| 1.8 * u + 32.0))], vec!["fahrenheit", "u"]),

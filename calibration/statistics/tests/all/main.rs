@@ -4,3 +4,4 @@
 mod linear_columns;
 mod nist;
 mod regression;
+mod tails;

@@ -24,7 +24,7 @@ fn digits(got: f64, right: &Value) -> f64 {
     if got == right {
         return 16.0;
     }
-    -((got - right) / right).abs().log10()
+    -libm::log10(((got - right) / right).abs())
 }
 
 fn worst(got: &[f64], right: &Value) -> f64 {

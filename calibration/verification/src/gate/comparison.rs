@@ -31,7 +31,7 @@ pub(super) fn worst_of(found: impl Iterator<Item = (&'static str, Vec<[f64; 2]>)
         let worst =
             |table: usize| groups(&of(table), mean).into_iter().fold(0.0, |most: f64, mean| most.max(mean.abs()));
         let differences: Vec<_> = errors.iter().map(|[new, old]| new - old).collect();
-        let allowed = granted.hypot(group_interval(noise(&differences), differences.len()));
+        let allowed = libm::hypot(granted, group_interval(noise(&differences), differences.len()));
         Worse { name, new: worst(0), old: worst(1), allowed }
     });
     let beyond = |it: &Worse| it.new - it.old - it.allowed;

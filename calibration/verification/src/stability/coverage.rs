@@ -174,5 +174,5 @@ pub(crate) fn hole(occupancy: &Occupancy, part: f64, curve: &str, unit: &str) ->
 
 /// Decimals that show a hundredth of `range`, at least none.
 fn decimals(range: f64) -> usize {
-    (2.0 - range.log10().floor()).clamp(0.0, 9.0) as usize
+    (2.0 - libm::log10(range).floor()).clamp(0.0, 9.0) as usize
 }

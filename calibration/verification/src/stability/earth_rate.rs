@@ -34,7 +34,7 @@ impl EarthRate {
     pub fn at(turntable: &Turntable, [outer, inner]: [f64; 2]) -> Self {
         let to_imu = turntable.mounting * base_axes(outer, inner);
         let interval = half_widths(turntable)
-            .map(|[x, y]| [0, 1, 2].map(|axis| (to_imu[(axis, 0)] * x).hypot(to_imu[(axis, 1)] * y)));
+            .map(|[x, y]| [0, 1, 2].map(|axis| libm::hypot(to_imu[(axis, 0)] * x, to_imu[(axis, 1)] * y)));
         Self { rate: (to_imu * Vector3::from(turntable.earth_rate_deg_h)).into(), interval }
     }
 

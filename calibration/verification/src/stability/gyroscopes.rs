@@ -128,7 +128,7 @@ impl GyroscopeStability {
             let found = errors(&values(axis), conditions.earth_rate.is_some());
             let of_earth =
                 conditions.earth_rate.and_then(|earth| earth.interval).map_or(0.0, |interval| interval[axis]);
-            let widened = |it: Estimate| Estimate { interval: it.interval.hypot(of_earth), ..it };
+            let widened = |it: Estimate| Estimate { interval: libm::hypot(it.interval, of_earth), ..it };
             Errors { constant: found.constant.map(widened), worst: widened(found.worst), ..found }
         });
         let freedom = noise_freedom(counted.len());

@@ -33,7 +33,7 @@ pub(crate) fn windows(count: usize, seed: u64, noise: f64, error: impl Fn(f64) -
 #[test]
 fn the_noise_and_a_slow_wave_are_found() {
     for seed in 0..400 {
-        let run = windows(600, seed, 3e-6, |t| [20e-6, 5e-6 * (6.0 * t).sin(), 0.0]);
+        let run = windows(600, seed, 3e-6, |t| [20e-6, 5e-6 * libm::sin(6.0 * t), 0.0]);
         let verdict = Verdict::of(&run, FORCE, true, Some(1.0));
         let (of, wave) = (verdict.axes[0], verdict.axes[1]);
         assert!((of.noise / 3e-6 - 1.0).abs() < 0.15, "{of:?}");
@@ -113,7 +113,7 @@ fn the_largest_error_can_be_the_length_and_level_is_across_the_force() {
     // An error across it changes the level only: (0.48, 0.6, 0) is perpendicular to the force.
     let across = windows(600, 1, 0.1e-6, |_| [48e-6, 60e-6, 0.0]);
     let verdict = Verdict::of(&across, FORCE, true, Some(1.0));
-    let size = 48e-6_f64.hypot(60e-6);
+    let size = libm::hypot(48e-6, 60e-6);
     // No axis has the whole of it, so that it is the largest error. "up to" is its bound.
     let (name, largest) = verdict.largest();
     assert!(name == "the level" && (largest.value - size).abs() < 1e-6, "{name} {largest:?}");

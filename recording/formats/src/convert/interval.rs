@@ -169,7 +169,7 @@ pub(super) fn found(times: &[u64]) -> Option<IntervalShape> {
     let burst = if is_bursts { (rows / (long + 1) as f64).round() as usize } else { 1 };
     let late = longest.iter().enumerate().map(|(row, time)| (time - longest[0]) as f64 - row as f64 * period_ns);
     let (low, high) = late.fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(late), high.max(late)));
-    let near = COUNTS + (high - low) / period_ns / rows.powf(1.5);
+    let near = COUNTS + (high - low) / period_ns / libm::pow(rows, 1.5);
     Some(IntervalShape { period_ns, is_even, gap_ns, burst, near, median_ns })
 }
 

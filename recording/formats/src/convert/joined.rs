@@ -120,13 +120,13 @@ impl JoinedSource {
             let Some(row_ns) = slow.get(row) else { break };
             let after_ns = difference(time_ns, *row_ns);
             if after_ns.abs() <= FAR * self.slow.interval_ns {
-                let (sin, cos) = (TAU * self.phase_ns(after_ns) / self.fast.interval_ns).sin_cos();
+                let (sin, cos) = libm::sincos(TAU * self.phase_ns(after_ns) / self.fast.interval_ns);
                 count += 1.0;
                 sum = [sum[0] + cos, sum[1] + sin];
             }
         }
-        if sum[0].hypot(sum[1]) > DIRECTED * count {
-            self.offset_ns = sum[1].atan2(sum[0]) / TAU * self.fast.interval_ns;
+        if libm::hypot(sum[0], sum[1]) > DIRECTED * count {
+            self.offset_ns = libm::atan2(sum[1], sum[0]) / TAU * self.fast.interval_ns;
         }
     }
 

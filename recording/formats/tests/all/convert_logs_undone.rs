@@ -9,7 +9,7 @@ use isotherm_support::failure::Exit;
 /// What the sensors read in each row, and the temperature.
 fn truth(row: u64) -> ([f64; 3], [f64; 3], f64) {
     let phase = row as f64 / 7.0;
-    ([0.5 + 0.1 * phase.sin(), -1.25, -9.5], [0.02, 0.03 * phase.cos(), -0.01], 10.0 + row as f64)
+    ([0.5 + 0.1 * libm::sin(phase), -1.25, -9.5], [0.02, 0.03 * libm::cos(phase), -0.01], 10.0 + row as f64)
 }
 
 /// The corrections of an IMU.
@@ -95,7 +95,7 @@ impl Applied {
 
 /// A vector turned about a fixed axis.
 fn turned(vector: [f64; 3], axis: usize, degrees: f64) -> [f64; 3] {
-    let (sine, cosine) = degrees.to_radians().sin_cos();
+    let (sine, cosine) = libm::sincos(degrees.to_radians());
     let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
     let mut result = vector;
     result[next] = cosine * vector[next] - sine * vector[last];

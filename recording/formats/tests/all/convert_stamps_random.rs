@@ -43,7 +43,7 @@ struct Series {
 
 /// Rows at a rate from 1 to 1000 Hz, with jitter up to 10 % and gaps, of which up to 1 % have a bad stamp.
 fn series(random: &mut Random) -> Series {
-    let period = 1e9 / 10_f64.powf(3.0 * random.part());
+    let period = 1e9 / libm::pow(10_f64, 3.0 * random.part());
     let (jitter, lossy) = (0.1 * random.part(), random.below(3));
     let count = 500 + random.below(2500);
     let mut clock = [5e9, 3.6e12, 1.7e18][random.below(3)];
@@ -69,7 +69,7 @@ fn series(random: &mut Random) -> Series {
         }
         // The last rows have nothing behind them that would show that they are ahead.
         let at = 3 + random.below(rows.len() - 20);
-        let far = (period * 1.5 * 10_f64.powf(6.0 * random.part())) as u64;
+        let far = (period * 1.5 * libm::pow(10_f64, 6.0 * random.part())) as u64;
         // A row with two faults at once, or whose stamp another one took, has no place that a reader could tell.
         let is_used = |(number, _): &Row| used.contains(number) || kind == 4 && bad.contains(number);
         if kind < 5 && rows[at - 1..at + 5].iter().any(is_used) {

@@ -84,7 +84,7 @@ impl Tally {
 fn tallies(kind: &(&str, Truth, Option<f64>), count: usize, recordings: u64, seed: u64) -> Vec<Tally> {
     let interval_s = INTERVAL_NS as f64 / 1e9;
     // From an interval of 1 to that of the rows.
-    let units = [1.0, interval_s.sqrt().recip(), interval_s.recip(), interval_s.powf(-1.5)];
+    let units = [1.0, interval_s.sqrt().recip(), interval_s.recip(), libm::pow(interval_s, -1.5)];
     let truth = Truth { quantisation: QUANTISATION, ..kind.1 }.coefficients();
     let mut all = vec![Tally::default(); LOSSES.len()];
     for seed in seed * 1000..seed * 1000 + recordings {

@@ -215,7 +215,7 @@ fn with_a_table_the_units_are_g0_and_deg_h() {
 #[test]
 fn temperature_contaminates_what_a_line_explains() {
     let mut counts = [1, 2, 3].map(|seed| rates(&WHITE, 32768, seed));
-    let temperature = |row: usize| 25.0 + 1.5 * (row as f64 / 6000.0).sin();
+    let temperature = |row: usize| 25.0 + 1.5 * libm::sin(row as f64 / 6000.0);
     for (row, count) in counts[0].iter_mut().enumerate() {
         *count += 0.15 * temperature(row);
     }

@@ -58,7 +58,7 @@ fn truth(kind: Kind, seed: u64) -> Truth {
             match kind {
                 Kind::Order(order) => coefficients.truncate(order + 1),
                 Kind::Small => {
-                    let part = 10.0_f64.powf(-4.0 * random.uniform());
+                    let part = libm::pow(10.0_f64, -4.0 * random.uniform());
                     let [low, high] = curve.range();
                     coefficients.iter_mut().for_each(|coefficient| *coefficient *= part);
                     coefficients[0] += curve.at(low.midpoint(high)) * (1.0 - part);

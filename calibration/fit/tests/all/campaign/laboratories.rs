@@ -90,7 +90,7 @@ fn celsius(volts: f64) -> f64 {
 /// A thermistor of 10 kOhm at 25 degC, read to 1 Ohm \[kOhm\].
 fn thermistor(volts: f64) -> f64 {
     let kelvin = celsius(volts) + 273.15;
-    (10.0 * (3950.0 * (1.0 / kelvin - 1.0 / 298.15)).exp() * 1000.0).round() / 1000.0
+    (10.0 * libm::exp(3950.0 * (1.0 / kelvin - 1.0 / 298.15)) * 1000.0).round() / 1000.0
 }
 
 #[test]

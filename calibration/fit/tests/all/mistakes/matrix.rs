@@ -556,7 +556,7 @@ fn correct_of(seed: u64, imu: impl Fn(Truth) -> Truth) -> (Case, String) {
         }
         1 => {
             // Six faces and eight corners, without a turntable's angles.
-            let corner = (1.0_f64 / 3.0).sqrt().acos().to_degrees();
+            let corner = libm::acos((1.0_f64 / 3.0).sqrt()).to_degrees();
             let corners = [corner, 180.0 - corner]
                 .into_iter()
                 .flat_map(|outer| [45.0, 135.0, 225.0, 315.0].map(|inner| [outer, inner]));

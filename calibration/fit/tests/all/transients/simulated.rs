@@ -73,6 +73,6 @@ pub(crate) fn transient_tau(found: &Transients, bias: &BiasTransient) -> f64 {
 
 /// A number between `low` and `high`, uniform in its logarithm, with either sign.
 pub(crate) fn drawn(random: &mut RandomGenerator, low: f64, high: f64) -> f64 {
-    let size = low * (high / low).powf(random.uniform());
+    let size = low * libm::pow(high / low, random.uniform());
     if random.uniform() < 0.5 { -size } else { size }
 }

@@ -95,13 +95,13 @@ impl Afternoon {
             _ => vec![-15.0, 5.0, 30.0, 55.0],
         };
         let curved = random.uniform() < 0.5;
-        let slope = random.between(1e-3_f64.ln(), 2e-2_f64.ln()).exp();
+        let slope = libm::exp(random.between(libm::log(1e-3), libm::log(2e-2)));
         let mems = Mems::new(random, curved, slope);
         let attitudes = [14, 18, 26, 33, 40][(random.uniform() * 5.0) as usize % 5];
         let afternoon = Self {
             temperatures,
             attitudes,
-            noise: random.between(1e-4_f64.ln(), 3e-3_f64.ln()).exp(),
+            noise: libm::exp(random.between(libm::log(1e-4), libm::log(3e-3))),
             rest_s: random.between(3.0, 5.0),
             move_s: random.between(1.5, 5.0),
             drift: random.between(0.0, 1.0),
@@ -172,8 +172,8 @@ impl Afternoon {
                 let tremor = if row > rest { normals(random, 0.03) } else { Vector3::zeros() };
                 let temperature = match self.freezer {
                     Some([room, housing_s, element_s]) => {
-                        let now = room + (start - room) * (-time_s / housing_s).exp();
-                        element += (now - element) * (1.0 - (-INTERVAL_S / element_s).exp());
+                        let now = room + (start - room) * libm::exp(-time_s / housing_s);
+                        element += (now - element) * (1.0 - libm::exp(-INTERVAL_S / element_s));
                         now
                     }
                     None => {

@@ -55,9 +55,9 @@ fn scattered(directions: &[Vector3<f64>], degrees: f64, choice: ScaleFactorChoic
     let logarithms = (0..sets).map(|seed| {
         let mut random = RandomGenerator::new(seed, 9);
         let all: Vec<_> = directions.iter().map(|direction| off(&mut random, direction, degrees)).collect();
-        cost(&all, choice).ln()
+        libm::log(cost(&all, choice))
     });
-    (logarithms.sum::<f64>() / sets as f64).exp()
+    libm::exp(logarithms.sum::<f64>() / sets as f64)
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn one_plane_and_two_planes_are_refused() {
     let circle = |a: usize, b: usize| {
         (0..12).map(move |k| {
             let mut direction = Vector3::zeros();
-            let (sin, cos) = (f64::from(k) * core::f64::consts::TAU / 12.0).sin_cos();
+            let (sin, cos) = libm::sincos(f64::from(k) * core::f64::consts::TAU / 12.0);
             (direction[a], direction[b]) = (cos, sin);
             direction
         })

@@ -33,7 +33,7 @@ struct Sensor {
 
 impl Sensor {
     fn new(random: &mut RandomGenerator) -> Self {
-        let mut log = |low: f64, high: f64| random.between(low.ln(), high.ln()).exp();
+        let mut log = |low: f64, high: f64| libm::exp(random.between(libm::log(low), libm::log(high)));
         let noise = log(1e-4, 3e-3);
         let count = noise * log(0.01, 4.0);
         let mut some = |part: f64, low: f64, high: f64| {
@@ -45,7 +45,7 @@ impl Sensor {
         let (lost, glitches) = (some(0.5, 0.0, 0.05), some(0.3, 0.0, 0.002));
         let rate = RATES[(random.uniform() * RATES.len() as f64) as usize % RATES.len()];
         // No filter is below 2 Hz. A slow recording has no fan: it would be a slow movement there.
-        let weight = (1.0 - filter).max(1.0 - (-2.0 * core::f64::consts::TAU / rate).exp());
+        let weight = (1.0 - filter).max(1.0 - libm::exp(-2.0 * core::f64::consts::TAU / rate));
         let fan = [if rate < 50.0 { 0.0 } else { fan }, random.between(5.0, 45.0)];
         Self { rate, noise, count, weight, lost, glitches, fan, filtered: Vector3::zeros(), index: 0 }
     }
@@ -54,7 +54,7 @@ impl Sensor {
     fn row(&mut self, random: &mut RandomGenerator, force: &Vector3<f64>, rows: &mut Vec<RawSample>) {
         let interval_ns = (1e9 / self.rate) as u64;
         let phase = core::f64::consts::TAU * self.fan[1] * self.index as f64 / self.rate;
-        let vibration = Vector3::new(1.0, 0.6, -0.4) * self.fan[0] * phase.sin();
+        let vibration = Vector3::new(1.0, 0.6, -0.4) * self.fan[0] * libm::sin(phase);
         let noise = Vector3::from_fn(|_, _| random.normal()) * self.noise / self.weight.sqrt();
         self.filtered += (force + vibration + noise - self.filtered) * self.weight;
         let mut sample = RawSample {
@@ -103,8 +103,8 @@ fn honest(seed: u64) -> (Sensor, Recording) {
         let count = (move_s * random.between(0.7, 1.3) * sensor.rate).max(2.0) as usize;
         let mut shaking = Vector3::zeros();
         for k in 0..count {
-            let part = 0.5 - 0.5 * (core::f64::consts::PI * (k + 1) as f64 / count as f64).cos();
-            shaking = shaking * (-6.0 / sensor.rate).exp() + Vector3::from_fn(|_, _| random.normal()) * tremor;
+            let part = 0.5 - 0.5 * libm::cos(core::f64::consts::PI * (k + 1) as f64 / count as f64);
+            shaking = shaking * libm::exp(-6.0 / sensor.rate) + Vector3::from_fn(|_, _| random.normal()) * tremor;
             // It is put down with a bump.
             let bump = if k + 1 == count { random.between(0.05, 0.5) } else { 0.0 };
             let force = turn.powf(part) * *here + shaking + *next * bump;
@@ -132,7 +132,7 @@ fn restless(kind: &str, seed: u64) -> Vec<RawSample> {
     let (mut angle, mut sway) = (0.0, Vector3::zeros());
     for k in 0..(120.0 * sensor.rate) as usize {
         let time_s = k as f64 / sensor.rate;
-        let speed = if kind == "slow motion" { 1.0 + 0.5 * (0.4 * time_s).sin() } else { 1.0 };
+        let speed = if kind == "slow motion" { 1.0 + 0.5 * libm::sin(0.4 * time_s) } else { 1.0 };
         angle += if kind == "hand" { 0.0 } else { rate * speed / sensor.rate };
         if kind == "hand" {
             let step = (2.0 / sensor.rate).sqrt();

@@ -17,7 +17,7 @@ fn slow_motion_is_never_at_rest() {
     let mut imu = SimulatedImu::new(Truth::random(1), 1, 1.0);
     for k in 0..4000 {
         // A turn every 80 s, at a rate that comes and goes.
-        let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * (f64::from(k) / 37.0).sin());
+        let angle = core::f64::consts::TAU * (f64::from(k) * INTERVAL_S / 80.0 + 0.02 * libm::sin(f64::from(k) / 37.0));
         imu.row(&(Rotation3::from_euler_angles(angle, 0.7 * angle, 0.0) * Vector3::z()), 25.0, 0.0);
     }
     let error = find_static_poses(&imu.rows, None).unwrap_err();

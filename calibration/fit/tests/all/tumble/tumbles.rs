@@ -39,7 +39,7 @@ fn normals(random: &mut RandomGenerator, scale: f64) -> Vector3<f64> {
 }
 
 fn between(random: &mut RandomGenerator, low: f64, high: f64) -> f64 {
-    random.between(low.ln(), high.ln()).exp()
+    libm::exp(random.between(libm::log(low), libm::log(high)))
 }
 
 fn below(random: &mut RandomGenerator, count: usize) -> usize {
@@ -460,7 +460,7 @@ fn an_imu_that_was_never_turned_and_one_that_zeroed_gravity_are_called_that() {
     let flat = vec![Vector3::new(0.05, 0.02, 1.0).normalize(); 12];
     let error = with(Tumble { attitudes: flat, ..tumble.clone() }, &mut random);
     assert!(error.contains("the IMU was never turned"), "{error}");
-    let circle = (0..12).map(|k| Vector3::new(0.0, (0.5 * f64::from(k)).cos(), (0.5 * f64::from(k)).sin()));
+    let circle = (0..12).map(|k| Vector3::new(0.0, libm::cos(0.5 * f64::from(k)), libm::sin(0.5 * f64::from(k))));
     let turned = Tumble { attitudes: circle.collect(), misalignment: Matrix3::identity(), ..tumble.clone() };
     let error = with(turned, &mut random);
     assert!(error.contains("turned about A1 alone") && error.contains("+A1"), "{error}");

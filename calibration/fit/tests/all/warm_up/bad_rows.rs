@@ -85,7 +85,7 @@ fn spoil(log: &mut WarmUp, count: usize, random: &mut RandomGenerator) -> Vec<bo
                     Mistake::Marker => marker * lsb,
                     Mistake::Spike => {
                         let sign = if random.uniform() < 0.5 { -1.0 } else { 1.0 };
-                        good.sensors[sensor] + sign * noise * (FAR + 4.0) * 40.0_f64.powf(random.uniform())
+                        good.sensors[sensor] + sign * noise * (FAR + 4.0) * libm::pow(40.0_f64, random.uniform())
                     }
                     Mistake::SwappedBytes => f64::from(count.swap_bytes()) * lsb,
                     Mistake::FlippedBit => f64::from(count ^ (1 << pick(random, 16))) * lsb,

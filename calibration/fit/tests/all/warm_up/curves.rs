@@ -66,7 +66,7 @@ impl Setting {
 
     /// A setting of any kind, with at most `rows` rows.
     pub(super) fn drawn(random: &mut RandomGenerator, rows: f64) -> Self {
-        let log = |random: &mut RandomGenerator, [low, high]: [f64; 2]| low * (high / low).powf(random.uniform());
+        let log = |random: &mut RandomGenerator, [low, high]: [f64; 2]| low * libm::pow(high / low, random.uniform());
         let rate = [1.0, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0][(random.uniform() * 7.0) as usize];
         let low = random.between(-30.0, 25.0);
         Self {
@@ -141,11 +141,11 @@ impl WarmUp {
         for number in 0..n {
             let t = number as f64 / setting.rate;
             let part = match setting.course {
-                Course::Exponential(part) => (1.0 - (-t / (part * seconds)).exp()) / (1.0 - (-1.0 / part).exp()),
+                Course::Exponential(part) => (1.0 - libm::exp(-t / (part * seconds))) / (1.0 - libm::exp(-1.0 / part)),
                 Course::Linear => t / seconds,
                 Course::HeatAndCool => 1.0 - (2.0 * t / seconds - 1.0).abs(),
             };
-            let start = setting.start[0] * (1.0 - (-t / setting.start[1]).exp());
+            let start = setting.start[0] * (1.0 - libm::exp(-t / setting.start[1]));
             let whole = high - low;
             let celsius = low + (whole - setting.start[0]).max(0.5 * whole) * part + start;
             let x = (2.0 * celsius - low - high) / whole;

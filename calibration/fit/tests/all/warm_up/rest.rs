@@ -16,7 +16,7 @@ fn fly(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
     let vibration = random.between(0.5, 4.0);
     for row in log.rows.iter_mut().filter(|row| span.contains(&row.seconds)) {
         for (sensor, (value, phase)) in row.sensors.iter_mut().zip(phases).enumerate() {
-            let sway = (row.seconds / (3.0 + sensor as f64) + phase).sin();
+            let sway = libm::sin(row.seconds / (3.0 + sensor as f64) + phase);
             let (size, noise) = if sensor < AXES { (2.0, vibration) } else { (0.5, 0.1) };
             *value += size * sway + noise * random.normal();
         }
@@ -28,7 +28,7 @@ fn carry(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
     let phases: [f64; 6] = core::array::from_fn(|_| random.between(0.0, 6.0));
     for row in log.rows.iter_mut().filter(|row| span.contains(&row.seconds)) {
         for (sensor, (value, phase)) in row.sensors.iter_mut().zip(phases).enumerate() {
-            let sway = (row.seconds / (1.5 + 0.3 * sensor as f64) + phase).sin();
+            let sway = libm::sin(row.seconds / (1.5 + 0.3 * sensor as f64) + phase);
             let (size, noise) = if sensor < AXES { (1.5, 0.1) } else { (0.3, 0.02) };
             *value += size * sway + noise * random.normal();
         }
@@ -39,7 +39,11 @@ fn carry(log: &mut WarmUp, span: &Span, random: &mut RandomGenerator) {
 fn turn(log: &mut WarmUp, from_s: f64, degrees: f64, random: &mut RandomGenerator) {
     let angle = degrees.to_radians();
     let heading = random.between(0.0, core::f64::consts::TAU);
-    let change = [angle.sin() * heading.cos() * 9.8, angle.sin() * heading.sin() * 9.8, 9.8 * (1.0 - angle.cos())];
+    let change = [
+        libm::sin(angle) * libm::cos(heading) * 9.8,
+        libm::sin(angle) * libm::sin(heading) * 9.8,
+        9.8 * (1.0 - libm::cos(angle)),
+    ];
     for row in log.rows.iter_mut().filter(|row| row.seconds >= from_s) {
         (0..AXES).for_each(|axis| row.sensors[axis] += change[axis]);
     }

@@ -44,12 +44,13 @@ impl WarmUp {
     }
 
     fn temperature(&self, part: f64) -> f64 {
-        let heating = |part: f64, shape: f64| -17.0 + 69.0 * (1.0 - (-part * shape).exp()) / (1.0 - (-shape).exp());
+        let heating =
+            |part: f64, shape: f64| -17.0 + 69.0 * (1.0 - libm::exp(-part * shape)) / (1.0 - libm::exp(-shape));
         match self.path {
             Path::Exponential(shape) => heating(part, shape),
             Path::Linear => -15.0 + 70.0 * part,
             Path::AndCools(shape) if part < 0.6 => heating(part / 0.6, shape),
-            Path::AndCools(shape) => 15.0 + 37.0 * (-(part - 0.6) / 0.4 * shape).exp(),
+            Path::AndCools(shape) => 15.0 + 37.0 * libm::exp(-(part - 0.6) / 0.4 * shape),
         }
     }
 }
@@ -87,14 +88,14 @@ pub(super) fn rows(unit: &Unit, kind: &WarmUp, random: &mut RandomGenerator) -> 
     let row = |i: usize| {
         let temperature = kind.temperature(i as f64 / (count - 1) as f64);
         element += if kind.lag_s > 0.0 {
-            (temperature - element) * (-(-interval_s / kind.lag_s).exp_m1())
+            (temperature - element) * (-libm::expm1(-interval_s / kind.lag_s))
         } else {
             temperature - element
         };
         play = play.max(temperature - PLAY).min(temperature + PLAY);
         if kind.flicker > 0.0 {
             for (state, tau) in flicker.iter_mut().zip(FLICKER_S) {
-                let keep = (-interval_s / tau).exp();
+                let keep = libm::exp(-interval_s / tau);
                 state.iter_mut().for_each(|x| *x = keep * *x + (1.0 - keep * keep).sqrt() * random.normal());
             }
         }
