@@ -22,7 +22,7 @@ use tracing::{info, warn};
 
 /// How the lagged temperature of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct LagSetting {
+pub struct LagArgs {
     /// Set the lag of recordings without one [s]
     ///
     /// Time constant of the lagged temperature, for a recording that has none [s]; or none.
@@ -198,12 +198,12 @@ impl OfData {
 }
 
 /// Warns once if only one of table and samples has gyroscopes.
-pub struct GyroscopeWarning {
+pub struct GyroscopeCheck {
     table_has: bool,
     due: bool,
 }
 
-impl GyroscopeWarning {
+impl GyroscopeCheck {
     /// For a table with or without gyroscopes.
     pub const fn new(table_has_gyroscopes: bool) -> Self {
         Self { table_has: table_has_gyroscopes, due: true }
