@@ -266,6 +266,9 @@ impl JsonOption {
 
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
 /// fail before its results are printed.
+///
+/// # Errors
+/// The failure.
 pub fn or_document<T>(json: JsonOption, result: Result<T, JobFailure>) -> Result<T, Failure> {
     result.map_err(|JobFailure { failure, document, .. }| {
         // If stdout is closed or full there is still the message on stderr, and the exit code.
