@@ -21,7 +21,7 @@ pub fn domain(name: Option<&str>) -> Result<Domain, Failure> {
 
 /// Runs a program that may write a log: as [`isotherm_command::exit_code`], and what waits to be written is written.
 pub fn exit_code(program: &str, run: impl FnOnce() -> Result<Result<(), Failure>, clap::Error>) -> ExitCode {
-    let code = isotherm_command::exit_code(program, |program, message| logging::tell_last(program, message), run);
+    let code = isotherm_command::exit_code(program, logging::tell_last, run);
     logging::flush();
     code
 }

@@ -61,7 +61,7 @@ pub enum DescribedKind {
 
 /// A finding with what `explain` says of it.
 #[derive(Clone, Debug, Serialize)]
-pub struct ExplainedFinding {
+pub struct FindingExplanation {
     /// The name.
     pub name: &'static str,
     /// `fault` or `warning`.
@@ -74,7 +74,7 @@ pub struct ExplainedFinding {
     pub remedy: &'static str,
 }
 
-impl ExplainedFinding {
+impl FindingExplanation {
     fn of(finding: &Finding) -> Self {
         let explanation = explanations().find(|explanation| explanation.name == finding.name);
         Self {
@@ -103,7 +103,7 @@ pub struct FileDescription {
     /// What it is good for, and what not.
     pub jobs: Vec<JobFitness>,
     /// What was found in it, of all IMUs.
-    pub findings: Vec<ExplainedFinding>,
+    pub findings: Vec<FindingExplanation>,
     /// What else is to be known, a line each.
     pub notes: Vec<String>,
     /// Why it cannot be read, with the remedy, such as an option that is missing.
@@ -253,7 +253,7 @@ impl FileDescription {
         let findings = recording.findings();
         let imu = summary.imu(recording, samples.imu(), instance, &findings);
         for finding in &findings {
-            let explained = ExplainedFinding::of(finding);
+            let explained = FindingExplanation::of(finding);
             if self.findings.iter().all(|known| known.message != explained.message) {
                 self.findings.push(explained);
             }

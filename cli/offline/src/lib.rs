@@ -60,16 +60,12 @@ pub fn former_failure(arguments: &[OsString], error: clap::Error) -> Result<Fail
 #[must_use]
 pub fn main() -> ExitCode {
     let arguments: Vec<_> = env::args_os().collect();
-    exit_code(
-        "isotherm",
-        |program, message| tell_plainly(program, message),
-        || match command().try_get_matches_from(&arguments) {
-            Ok(matches) => {
-                let OfflineProgram { quiet, verbose, command } = OfflineProgram::from_arg_matches(&matches)?;
-                messages::start(quiet, verbose);
-                Ok(command.run(verbose, commands::CHECKED_FILES, Vec::new))
-            }
-            Err(error) => former_failure(&arguments, error).map(Err),
-        },
-    )
+    exit_code("isotherm", tell_plainly, || match command().try_get_matches_from(&arguments) {
+        Ok(matches) => {
+            let OfflineProgram { quiet, verbose, command } = OfflineProgram::from_arg_matches(&matches)?;
+            messages::start(quiet, verbose);
+            Ok(command.run(verbose, commands::CHECKED_FILES, Vec::new))
+        }
+        Err(error) => former_failure(&arguments, error).map(Err),
+    })
 }

@@ -10,11 +10,17 @@ use std::str::FromStr;
 use std::time::Duration;
 
 /// A finite number.
+///
+/// # Errors
+/// With what to give.
 pub fn number(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| "give a number".to_owned())
 }
 
 /// A number of seconds over 0.
+///
+/// # Errors
+/// With what to give.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     if !(seconds > 0.0 && seconds <= 1e6) {
@@ -24,6 +30,9 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// A size in bytes, with k, M or G for powers of 1000.
+///
+/// # Errors
+/// With what to give.
 pub fn bytes(text: &str) -> Result<u64, String> {
     let (number, factor) = match text.as_bytes().last() {
         Some(b'k') => (&text[..text.len() - 1], 1_000),
@@ -36,6 +45,9 @@ pub fn bytes(text: &str) -> Result<u64, String> {
 }
 
 /// A time constant of lagged temperature \[ns\]: a number of seconds, or `none` for 0.
+///
+/// # Errors
+/// With what to give.
 pub fn lag(text: &str) -> Result<u64, String> {
     if text == "none" {
         return Ok(0);
@@ -45,6 +57,9 @@ pub fn lag(text: &str) -> Result<u64, String> {
 }
 
 /// A time constant for the ramps of a campaign: a number of seconds, `none`, or `auto`.
+///
+/// # Errors
+/// With what to give.
 pub fn lag_choice(text: &str) -> Result<LagChoice, String> {
     if text == "auto" {
         return Ok(LagChoice::Search);
@@ -54,6 +69,9 @@ pub fn lag_choice(text: &str) -> Result<LagChoice, String> {
 }
 
 /// A time constant \[s\].
+///
+/// # Errors
+/// With what to give.
 pub fn time_constant(text: &str) -> Result<f64, String> {
     let seconds = text.parse().map_err(|_| "give a number of seconds".to_owned())?;
     TimeConstant::from_seconds(seconds).map(|_| seconds).map_err(|error| error.to_string())
@@ -64,6 +82,9 @@ pub fn time_constant(text: &str) -> Result<f64, String> {
 pub struct SetPoints(pub Vec<f64>);
 
 /// `FROM:TO:STEP`, both ends included.
+///
+/// # Errors
+/// With what to give.
 pub fn set_points(text: &str) -> Result<SetPoints, String> {
     let [from, to, step] = list(text, ':').ok_or("give FROM:TO:STEP in degC, for example -25:45:5")?;
     let steps = (to - from) / step;
@@ -97,11 +118,17 @@ fn list<const N: usize>(text: &str, separator: char) -> Option<[f64; N]> {
 }
 
 /// So many numbers, with commas between them.
+///
+/// # Errors
+/// With what to give.
 pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     list(text, ',').ok_or_else(|| format!("give {N} numbers with a comma between them"))
 }
 
 /// Two numbers from 0 up.
+///
+/// # Errors
+/// With what to give.
 pub fn sizes(text: &str) -> Result<[f64; 2], String> {
     let sizes = numbers::<2>(text)?;
     if sizes.iter().all(|size| *size >= 0.0) { Ok(sizes) } else { Err("neither may be negative".to_owned()) }
@@ -109,6 +136,9 @@ pub fn sizes(text: &str) -> Result<[f64; 2], String> {
 
 /// Amplitude \[g0\] and frequency \[Hz\]. The frequency has a limit, because the simulation takes 20 steps for each
 /// cycle.
+///
+/// # Errors
+/// With what to give.
 pub fn vibration(text: &str) -> Result<[f64; 2], String> {
     let [amplitude, frequency] = sizes(text)?;
     if amplitude <= 100.0 && frequency <= 2000.0 {
@@ -119,6 +149,9 @@ pub fn vibration(text: &str) -> Result<[f64; 2], String> {
 }
 
 /// A number from 0 up.
+///
+/// # Errors
+/// With what to give.
 pub fn size(text: &str) -> Result<f64, String> {
     list::<1>(text, ',')
         .map(|[size]| size)
@@ -127,11 +160,17 @@ pub fn size(text: &str) -> Result<f64, String> {
 }
 
 /// A number over 0.
+///
+/// # Errors
+/// With what to give.
 pub fn positive(text: &str) -> Result<f64, String> {
     size(text).ok().filter(|size| *size > 0.0).ok_or_else(|| "give a number over 0".to_owned())
 }
 
 /// A direction in the axes of the IMU.
+///
+/// # Errors
+/// With what to give.
 pub fn direction(text: &str) -> Result<[f64; AXES], String> {
     let direction = numbers::<AXES>(text)?;
     let right = direction.iter().any(|part| part.abs() > 1e-6) && direction.iter().all(|part| part.abs() < 1e6);
@@ -139,6 +178,9 @@ pub fn direction(text: &str) -> Result<[f64; AXES], String> {
 }
 
 /// The rate of a ramp \[degC/h\].
+///
+/// # Errors
+/// With what to give.
 pub fn ramp(text: &str) -> Result<f64, String> {
     let [ramp] = list(text, ',').ok_or("give a number of degC/h")?;
     if (0.1..=3600.0).contains(&ramp) { Ok(ramp) } else { Err("give a ramp from 0.1 to 3600 degC/h".to_owned()) }
@@ -149,11 +191,17 @@ pub fn ramp(text: &str) -> Result<f64, String> {
 pub struct Rates(pub Vec<f64>);
 
 /// One rate or several, with commas between them.
+///
+/// # Errors
+/// With what to give.
 pub fn rates(text: &str) -> Result<Rates, String> {
     text.split(',').map(ramp).collect::<Result<_, _>>().map(Rates)
 }
 
 /// Local gravity, or the value of 1 g0 \[m/s2\].
+///
+/// # Errors
+/// With what to give.
 pub fn gravity(text: &str) -> Result<f64, String> {
     let [gravity] = list(text, ',').ok_or("give a number of m/s2")?;
     let [low, high] = GRAVITY_RANGE;
@@ -161,6 +209,9 @@ pub fn gravity(text: &str) -> Result<f64, String> {
 }
 
 /// Latitude, north positive \[deg\].
+///
+/// # Errors
+/// With what to give.
 pub fn latitude(text: &str) -> Result<f64, String> {
     list(text, ',')
         .map(|[latitude]| latitude)
@@ -169,6 +220,9 @@ pub fn latitude(text: &str) -> Result<f64, String> {
 }
 
 /// Height \[m\].
+///
+/// # Errors
+/// With what to give.
 pub fn height(text: &str) -> Result<f64, String> {
     let range = Place::HEIGHTS;
     list(text, ',')
@@ -178,6 +232,9 @@ pub fn height(text: &str) -> Result<f64, String> {
 }
 
 /// The nominal interval between two rows \[s\].
+///
+/// # Errors
+/// With what to give.
 pub fn interval(text: &str) -> Result<Duration, String> {
     let interval = seconds(text)?;
     if (1_000..=u128::from(MAX_INTERVAL_NS)).contains(&interval.as_nanos()) {

@@ -7,7 +7,7 @@ use isotherm_client::{
     TimeConstant, device, fetch_status,
 };
 use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap, sources};
-use isotherm_offline::commands::common::{ForeignArgs, GyroscopeWarning, LagSetting, OfData, inputs};
+use isotherm_offline::commands::common::{ForeignArgs, GyroscopeCheck, LagArgs, OfData, inputs};
 use isotherm_offline::parse::seconds;
 use isotherm_offline::progress::playing_bar;
 use isotherm_pipeline::no_bar;
@@ -58,7 +58,7 @@ pub(crate) struct Feed {
     #[arg(long, value_name = "S/N", value_parser = serial)]
     serial: Option<String>,
     #[command(flatten)]
-    lag: LagSetting,
+    lag: LagArgs,
     /// Where the increments go (CSV); - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
@@ -153,7 +153,7 @@ impl Feed {
         let period = self.rate.map(|rate| Duration::from_secs_f64(1.0 / rate));
         let (mut due, mut session, mut asked) = (Instant::now(), None, served.table);
         let device = self.serial.as_deref().map(device);
-        let mut warning = GyroscopeWarning::new(served.gyroscopes);
+        let mut warning = GyroscopeCheck::new(served.gyroscopes);
         loop {
             // A reload has brought another time constant: a few samples more are flagged until the next one.
             if let (None, Some(table)) = (self.lag.ns, feeder.lag_unknown.take())

@@ -22,7 +22,7 @@ use tracing::{info, warn};
 
 /// How the lagged temperature of a recording that has none is computed.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct LagSetting {
+pub struct LagArgs {
     /// Set the lag of recordings without one [s]
     ///
     /// Time constant of the lagged temperature, for a recording that has none [s]; or none.
@@ -198,12 +198,12 @@ impl OfData {
 }
 
 /// Warns once if only one of table and samples has gyroscopes.
-pub struct GyroscopeWarning {
+pub struct GyroscopeCheck {
     table_has: bool,
     due: bool,
 }
 
-impl GyroscopeWarning {
+impl GyroscopeCheck {
     /// For a table with or without gyroscopes.
     pub const fn new(table_has_gyroscopes: bool) -> Self {
         Self { table_has: table_has_gyroscopes, due: true }
@@ -266,6 +266,9 @@ impl JsonOption {
 
 /// Prints the document of a failure to stdout, if `--json` is given. A command calls this once, for everything that can
 /// fail before its results are printed.
+///
+/// # Errors
+/// The failure.
 pub fn or_document<T>(json: JsonOption, result: Result<T, JobFailure>) -> Result<T, Failure> {
     result.map_err(|JobFailure { failure, document, .. }| {
         // If stdout is closed or full there is still the message on stderr, and the exit code.

@@ -1,8 +1,6 @@
 //! `replay`: compensates a recording with the kernel.
 
-use super::common::{
-    AcceptanceArgs, ForeignArgs, GyroscopeWarning, LagSetting, OfData, joined_paths, load_with_origin,
-};
+use super::common::{AcceptanceArgs, ForeignArgs, GyroscopeCheck, LagArgs, OfData, joined_paths, load_with_origin};
 use super::part::PartArgs;
 use clap::Args;
 use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
@@ -51,7 +49,7 @@ pub struct Replay {
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
-    lag: LagSetting,
+    lag: LagArgs,
     /// Take a recording of another IMU, too
     ///
     /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise.
@@ -91,7 +89,7 @@ impl Replay {
             Err(error) => return check_written(path, Err(error)),
         };
         let mut flags = FlagTally::default();
-        let mut warning = GyroscopeWarning::new(layout.gyroscopes);
+        let mut warning = GyroscopeCheck::new(layout.gyroscopes);
         let mut continuity = Continuity::default();
         let mut begin: Vec<RawSample> = Vec::new();
         while let Some(sample) = next {

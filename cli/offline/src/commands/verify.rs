@@ -1,8 +1,8 @@
 //! `verify`: the stability of a recording under a table.
 
 use super::common::{
-    AcceptanceArgs, ForeignArgs, JsonOption, LagSetting, OfData, choice, inputs, joined, joined_paths,
-    load_with_origin, or_document, refuse_other_imu,
+    AcceptanceArgs, ForeignArgs, JsonOption, LagArgs, OfData, choice, inputs, joined, joined_paths, load_with_origin,
+    or_document, refuse_other_imu,
 };
 use super::part::PartArgs;
 use crate::parse::{gravity, seconds};
@@ -124,7 +124,7 @@ pub struct Verify {
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
-    lag: LagSetting,
+    lag: LagArgs,
     /// Judge samples of another device, too
     ///
     /// Judge samples of another device than the table's too; they are refused otherwise.
