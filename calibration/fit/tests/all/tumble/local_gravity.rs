@@ -42,7 +42,7 @@ fn normal_gravity_widens_the_scale_factors_and_nothing_else() {
         match quantity {
             0 => assert!((wide / narrow - 1.0).abs() < 1e-9),
             _ => {
-                assert!(wide > HALF_WIDTH && wide <= libm::hypot(narrow, HALF_WIDTH) * (1.0 + 1e-9), "{wide} {narrow}")
+                assert!(wide > HALF_WIDTH && wide <= libm::hypot(narrow, HALF_WIDTH) * (1.0 + 1e-9), "{wide} {narrow}");
             }
         }
         // `compare` takes the covariance of the provenance.
