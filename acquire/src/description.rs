@@ -19,7 +19,7 @@ use crate::dialogue::DialogueStep;
 use crate::frames::Frame;
 use crate::iio::IioSettings;
 use crate::lines::Line;
-use crate::messages::{MessageQueue, MessageStamps};
+use crate::message_queue::{MessageQueue, MessageStamps};
 use crate::sample::Columns;
 use columns::Names;
 use isotherm_client::{ImuId, Realtime, device};

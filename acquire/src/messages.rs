@@ -6,44 +6,16 @@
 use crate::description::{Description, Kind, Timing};
 use crate::frames::FrameArrival;
 use crate::intake::{Intake, RowArrival};
+use crate::message_queue::{MessageQueue, MessageStamps};
 use crate::number::Value;
 use crate::sample::{Axes, Columns, TemperatureColumns};
 use isotherm_client::{ImuId, RawSample, Realtime, Resolution, device};
 use isotherm_recording_formats::convert::{ColumnRef, Kind as Count, Linear, SensorColumns, Sensors, Temperature};
 use isotherm_shared::wire::AXES;
-use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
-/// Messages that may wait: 2 s at 2 kHz.
-const QUEUE: usize = 4096;
 /// The places of a row: accelerometers, gyroscopes, temperature.
 const COLUMNS: [&str; 2 * AXES + 1] = ["ax", "ay", "az", "gx", "gy", "gz", "temperature"];
 const TEMPERATURE: usize = 2 * AXES;
-
-/// One message of a device, or a part of one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DeviceMessage {
-    /// When it came, on `CLOCK_MONOTONIC` \[ns\].
-    pub arrived_ns: u64,
-    /// Its own stamp, on `CLOCK_MONOTONIC` \[ns\].
-    pub stamp_ns: u64,
-    /// Specific force \[m/s2\].
-    pub specific_force: [f64; AXES],
-    /// Angular rate \[rad/s\]; not used where the device has no gyroscopes.
-    pub angular_rate: [f64; AXES],
-    /// A temperature that has come since the message before, in the table's unit.
-    pub temperature: Option<f64>,
-}
-
-/// What the stamps of messages are.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum MessageStamps {
-    /// When the device sampled: they tell how many periods have passed.
-    Sample,
-    /// When the driver received, which is late by what the line makes of it: a line through them is the time.
-    Arrival,
-}
 
 /// How messages become samples.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,45 +34,6 @@ pub struct MessageSettings {
     pub has_gyroscopes: bool,
     /// The temperature of all samples; `None`: messages have it.
     pub temperature: Option<f64>,
-}
-
-/// Hands messages to an acquisition in another thread. A clone is the same queue.
-#[derive(Clone, Debug, Default)]
-pub struct MessageQueue(Arc<QueueState>);
-
-#[derive(Debug, Default)]
-struct QueueState {
-    messages: Mutex<VecDeque<DeviceMessage>>,
-    pushed: Condvar,
-}
-
-impl MessageQueue {
-    /// Adds a message. Returns whether there was room: one without is lost.
-    #[must_use]
-    pub fn push(&self, message: DeviceMessage) -> bool {
-        let mut messages = self.lock();
-        let has_room = messages.len() < QUEUE;
-        if has_room {
-            messages.push_back(message);
-            self.0.pushed.notify_one();
-        }
-        has_room
-    }
-
-    /// Waits up to `longest` until there is one.
-    pub(crate) fn wait(&self, longest: Duration) {
-        let messages = self.lock();
-        // The result is not used: a read tells what there is.
-        let _ = self.0.pushed.wait_timeout_while(messages, longest, |messages| messages.is_empty());
-    }
-
-    fn pop(&self) -> Option<DeviceMessage> {
-        self.lock().pop_front()
-    }
-
-    fn lock(&self) -> MutexGuard<'_, VecDeque<DeviceMessage>> {
-        self.0.messages.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// The messages as a source of rows.

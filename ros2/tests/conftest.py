@@ -113,6 +113,8 @@ class World:
             "ROS_DOMAIN_ID": str(self.ros_domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+            # Its shared memory stays behind when a peer is killed.
+            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
             "ROS_LOG_DIR": str(folder / "log"),
             "CYCLONEDDS_URI": "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/>"
             "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"

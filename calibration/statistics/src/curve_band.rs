@@ -14,7 +14,7 @@
 //! Simultaneous confidence bands for linear regression and smoothing, 1994.
 
 use crate::student::student_quantile_of;
-use crate::tails::{f_limit, f_tail};
+use crate::tails::{f_limit, f_tail, falling_to};
 use nalgebra::{DMatrix, DVector};
 
 /// Parts of the range whose lengths are added; a cubic's path is known to 1e-4 then.
@@ -49,19 +49,14 @@ pub(crate) fn quantile(length: f64, count: usize, freedom: f64, confidence: f64)
         of_path + f_tail(c * c, 1.0, freedom)
     };
     let scheffe = (count as f64 * f_limit(chance, count as f64, freedom)).sqrt();
-    let (mut low, mut high) = (student_quantile_of(confidence, freedom), scheffe);
+    let (low, high) = (student_quantile_of(confidence, freedom), scheffe);
     if beyond(low) <= chance || low >= high {
         return low;
     }
     if beyond(high) >= chance {
         return high;
     }
-    // Bisection to rounding.
-    for _ in 0..60 {
-        let middle = low.midpoint(high);
-        if beyond(middle) > chance { low = middle } else { high = middle }
-    }
-    high
+    falling_to(chance, [low, high], beyond)
 }
 
 #[cfg(test)]

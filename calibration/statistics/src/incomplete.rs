@@ -71,17 +71,29 @@ fn fraction(first: f64, term: impl Fn(f64) -> (f64, f64)) -> f64 {
     value
 }
 
+/// Stirling's series: B(2k)/(2k (2k - 1)) with Bernoulli's numbers.
+const STIRLING: [f64; 9] = [
+    1.0 / 12.0,
+    -1.0 / 360.0,
+    1.0 / 1260.0,
+    -1.0 / 1680.0,
+    1.0 / 1188.0,
+    -691.0 / 360_360.0,
+    1.0 / 156.0,
+    -3617.0 / 122_400.0,
+    43_867.0 / 244_188.0,
+];
+
 /// The error of Stirling's formula: ln z! - (z + 1/2) ln z + z - ln(2 pi)/2.
 fn stirling_error(mut z: f64) -> f64 {
     let mut sum = 0.0;
     // The series needs a large z. The error of z less that of z + 1 has no factorial.
-    while z < 16.0 {
+    while z < 8.0 {
         sum += (z + 0.5) * libm::log1p(1.0 / z) - 1.0;
         z += 1.0;
     }
     let square = 1.0 / (z * z);
-    let terms = [1.0 / 12.0, -1.0 / 360.0, 1.0 / 1260.0, -1.0 / 1680.0, 1.0 / 1188.0, -691.0 / 360_360.0];
-    sum + terms.iter().rev().fold(0.0, |sum, term| sum * square + term) / z
+    sum + STIRLING.iter().rev().fold(0.0, |sum, term| sum * square + term) / z
 }
 
 /// `events ln(events/mean) + mean - events`.

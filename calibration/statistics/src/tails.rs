@@ -61,16 +61,38 @@ fn exceeded(p: f64, tail: impl Fn(f64) -> f64) -> f64 {
     if p <= 0.0 || p >= 1.0 {
         return if p <= 0.0 { f64::INFINITY } else { 0.0 };
     }
-    let (mut low, mut high) = (0.0, 1.0);
+    let (mut low, mut high) = (1.0, 1.0);
     while tail(high) > p && high < 1e300 {
-        high *= 2.0;
+        (low, high) = (high, 2.0 * high);
     }
-    // Bisection, until `low` and `high` are neighbouring doubles.
-    while let middle = low + (high - low) / 2.0
-        && middle > low
-        && middle < high
-    {
-        if tail(middle) > p { low = middle } else { high = middle }
+    while tail(low) <= p && low > 1e-300 {
+        (low, high) = (0.5 * low, low);
+    }
+    falling_to(p, [low, high], tail)
+}
+
+/// Where `tail` falls to `p` between two values, to the last digits: by secants of its logarithm, with half the weight
+/// for an end that stays (the Illinois method).
+pub(crate) fn falling_to(p: f64, [mut low, mut high]: [f64; 2], tail: impl Fn(f64) -> f64) -> f64 {
+    const MAX_STEPS: u32 = 200;
+    let over = |value: f64| libm::log(tail(value) / p);
+    let [mut at_low, mut at_high] = [over(low), over(high)];
+    let mut low_stays = None;
+    for _ in 0..MAX_STEPS {
+        let secant = low + (high - low) * (at_low / (at_low - at_high));
+        let next = if secant > low && secant < high { secant } else { low.midpoint(high) };
+        if next <= low || next >= high {
+            break;
+        }
+        let at_next = over(next);
+        if at_next > 0.0 {
+            (low, at_low) = (next, at_next);
+            at_high *= if low_stays == Some(false) { 0.5 } else { 1.0 };
+        } else {
+            (high, at_high) = (next, at_next);
+            at_low *= if low_stays == Some(true) { 0.5 } else { 1.0 };
+        }
+        low_stays = Some(at_next <= 0.0);
     }
     high
 }

@@ -40,7 +40,6 @@ mod source;
 mod staged;
 #[cfg_attr(target_os = "wasi", path = "wasi/stdout.rs")]
 mod stdout;
-#[cfg(not(target_os = "wasi"))]
 mod trust;
 
 #[cfg(not(target_os = "wasi"))]
@@ -50,7 +49,7 @@ pub use identity::Identity;
 pub use install::Installation;
 #[cfg(not(target_os = "wasi"))]
 pub use live::{LiveFile, Partial, partial_path, target_of};
-pub use load::{LoadError, Trust, load_table, load_table_text, read_parameters, read_text, uninterrupted};
+pub use load::{LoadError, load_table, load_table_text, read_parameters, read_text, uninterrupted};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 #[cfg(not(target_os = "wasi"))]
 pub use place::{check_own_folder, create_own_folder, exchange, sync_folder};
@@ -60,3 +59,4 @@ pub use signals::{end_flag, end_signals};
 pub use signals::{remove_unfinished_on_signals, report_file_limit};
 pub use source::{open_recording, source, sources};
 pub use stdout::check_stdout;
+pub use trust::Trust;

@@ -3,16 +3,13 @@
 
 use crate::identity::Identity;
 use crate::place::open_without_waiting;
-#[cfg(not(target_os = "wasi"))]
-use crate::trust::refusal;
+use crate::trust::{Trust, refusal};
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, MAX_TABLE_BYTES};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::fmt;
-#[cfg(target_os = "wasi")]
-use std::fs::Metadata;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
@@ -43,39 +40,6 @@ impl fmt::Display for LoadError {
             Self::Refused { path, faults } => f.write_str(&faults.of(path)),
         }
     }
-}
-
-/// Whose file is read.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum Trust {
-    /// Of this process's user or of root, and not writable by everybody. For the service: it reloads the file, so
-    /// whoever can write or replace it changes what the service does.
-    Owned,
-    /// Of anybody, but not writable by everybody. For a command that says what a service would take, which may be
-    /// another user's.
-    Protected,
-    /// Any. For a command that reads the file once: its user has chosen the file.
-    Any,
-}
-
-impl Trust {
-    /// [`Owned`](Self::Owned) unless the option `--allow-world-writable` is given.
-    #[must_use]
-    pub const fn owned_unless(given: bool) -> Self {
-        if given { Self::Any } else { Self::Owned }
-    }
-
-    /// [`Protected`](Self::Protected) unless the option `--allow-world-writable` is given.
-    #[must_use]
-    pub const fn protected_unless(given: bool) -> Self {
-        if given { Self::Any } else { Self::Protected }
-    }
-}
-
-/// Files of nobody else are there.
-#[cfg(target_os = "wasi")]
-fn refusal(_: Trust, _: &Path, _: &Metadata) -> Option<String> {
-    None
 }
 
 /// Makes a call again that a signal has interrupted. The standard library does so for most calls, but not for `stat`.

@@ -1,6 +1,8 @@
 //! What a file is good for.
 
-use super::{DescribedKind, FileDescription, ImuSummary};
+use super::model::{DescribedKind, FileDescription, JobFitness};
+use super::rows::ImuSummary;
+use super::toml::TUMBLE;
 use crate::vehicle::INSTANCE;
 use isotherm_analysis::MIN_ROWS;
 use isotherm_autopilot::Autopilot;
@@ -8,26 +10,12 @@ use isotherm_fit::LEAST_WARM_UP_SPAN;
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_shared::content::FileContent;
 use isotherm_shared::names::ImuId;
-use serde::Serialize;
 use std::path::Path;
 
 /// Fewest attitudes of a tumble: three biases and three scale factors are unknown.
 const LEAST_ATTITUDES: usize = 6;
 /// A recording at rest turns for a smaller part of the time.
 const MOST_TURNING: f64 = 0.2;
-
-/// Whether a file is good for a job.
-#[derive(Clone, Debug, Serialize)]
-pub struct JobFitness {
-    /// The job: the name of the command, as `calibrate warm-up`.
-    pub job: &'static str,
-    /// Whether it is.
-    pub good: bool,
-    /// Why it is not, and what is needed; empty if it is.
-    pub reason: String,
-    /// The command line, with words in capitals for what has to be chosen; empty if it is not good for the job.
-    pub command: String,
-}
 
 /// The word as a shell takes it.
 #[must_use]
@@ -183,7 +171,7 @@ impl<'a> DescribedFile<'a> {
         if let Some(error) = &self.of.error {
             return Err(error.clone());
         }
-        if (self.of.format == super::toml::TUMBLE) != (job == "tumble") {
+        if (self.of.format == TUMBLE) != (job == "tumble") {
             return Err(format!("it is {}", self.of.format));
         }
         let (name, id) = (&self.name, &self.id);

@@ -1,6 +1,7 @@
 //! A description of a file for people.
 
-use super::{DescribedKind, FileDescription, ImuSummary, TemperatureSpan};
+use super::model::{DescribedKind, FileDescription};
+use super::rows::{ImuSummary, TemperatureSpan};
 use std::fmt::Write as _;
 
 /// Writing to a String cannot fail.

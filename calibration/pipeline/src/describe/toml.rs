@@ -1,6 +1,7 @@
 //! TOML files: tables, campaign files and the others.
 
-use super::{DescribedKind, FileDescription, ImuSummary};
+use super::model::{DescribedKind, FileDescription};
+use super::rows::ImuSummary;
 use crate::files::CampaignFile;
 use isotherm_files::{LoadError, Trust, load_table, read_text};
 use isotherm_fit::observable;
