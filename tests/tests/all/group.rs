@@ -102,7 +102,7 @@ fn users_of_the_group_share_a_domain_and_nobody_else_enters_it() {
     let feed = group.domain.start(group.isotherm(ACQUISITION, &FEED));
     wait_until("samples", || group.run(READER, &["status", "--json"], 0).contains("\"acquisition_connected\": true"));
     // While all are connected: the group may what the owner may, and others nothing.
-    let private = ["group", "kept-imu-a", "service.lock", "starting"];
+    let private = ["group", "kept-imu-a", "service.lock", "session-imu-a", "starting"];
     // What was just created is opened to the group a moment later.
     let is_open = |path: &PathBuf| {
         let Ok(found) = fs::symlink_metadata(path) else { return true };

@@ -10,7 +10,7 @@ const AT_REST: f64 = 0.03;
 const ANOTHER: f64 = 0.35;
 /// Windows that follow each other, at least, at an attitude.
 const LASTING: u32 = 2;
-/// Most attitudes that are told apart.
+/// The largest number of attitudes that are distinguished.
 const MOST: usize = 64;
 
 /// Counts attitudes, and the windows in which the IMU turns.

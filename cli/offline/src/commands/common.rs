@@ -87,10 +87,9 @@ pub struct ForeignArgs {
     pub gyroscope_temperature: Option<GyroscopeTemperature>,
     /// Keep the order in which pieces are named
     ///
-    /// Keep the order in which pieces are named where neither sequences nor clocks tell it.
-    ///
-    /// Sequences tell that of the pieces of a session, and clocks that of sessions and pieces whose times do not
-    /// overlap. Pieces without a time go on from each other then
+    /// If sequences and clocks do not show the order of pieces, take them as named. Sequences show the order of the
+    /// pieces of a session. Clocks show that of sessions, and of pieces whose times do not overlap. Pieces without times
+    /// then continue each other.
     #[arg(long)]
     pub in_order: bool,
 }
@@ -145,7 +144,7 @@ pub fn load_with_origin(path: &Path) -> Result<(CoefficientTable, Origin), LoadE
     Ok((table, origin))
 }
 
-/// What data of other programs tell after their last row.
+/// What is known of third-party data after the last row was read.
 #[derive(Clone)]
 pub struct OfData {
     findings: Vec<Finding>,
