@@ -88,8 +88,8 @@ pub struct ForeignArgs {
     /// Keep the order in which pieces are named
     ///
     /// If sequences and clocks do not show the order of pieces, take them as named. Sequences show the order of the
-    /// pieces of a session. Clocks show that of sessions, and of pieces whose times do not overlap. Pieces without times
-    /// then continue each other.
+    /// pieces of a session. Clocks show that of sessions, and of pieces whose times do not overlap. Pieces without
+    /// times then continue each other.
     #[arg(long)]
     pub in_order: bool,
 }
