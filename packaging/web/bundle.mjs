@@ -7,7 +7,7 @@ import { join } from "node:path";
 import { WASI } from "node:wasi";
 import { gzipSync } from "node:zlib";
 
-const [engine, page] = process.argv.slice(2);
+const [engine, crates, page] = process.argv.slice(2);
 const here = import.meta.dirname;
 const modules = process.env.NODE_PATH;
 const esbuild = createRequire(join(modules, "."))("esbuild");
@@ -49,13 +49,14 @@ const licences = [
   "Isotherm: MIT OR Apache-2.0.", "", "The example is a recording of tofupilot/examples:", "",
   read("../../calibration/fit/tests/data/consumer/LICENSE"),
   "@bjorn3/browser_wasi_shim:", "", readFileSync(join(modules, "@bjorn3/browser_wasi_shim/LICENSE-MIT"), "utf8"),
+  readFileSync(crates, "utf8"),
 ].join("\n");
-const escaped = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+const packed = (data) => gzipSync(data, { level: 9 }).toString("base64");
 const parts = {
   POLICY: policy.join("; "),
   STYLE: esbuild.transformSync(read("src/page.css"), { loader: "css", minify: true }).code.trim(),
-  LICENCES: escaped(licences),
-  ENGINE: gzipSync(readFileSync(engine), { level: 9 }).toString("base64"),
+  LICENCES: packed(licences),
+  ENGINE: packed(readFileSync(engine)),
   EXAMPLE: readFileSync(join(here, "data/warm-up.ulg.gz")).toString("base64"),
   WORKER: script("worker.ts"),
   OPTIONS: (await printed("arguments")).replaceAll("<", "\\u003c"),

@@ -64,8 +64,9 @@ async function equal(page, { files, job, fields, choices, code = 0 }) {
   assert.deepEqual([...outputs.keys()].sort(), [...there.outputs.keys()].sort(), line);
   for (const name of [...outputs.keys()].filter((name) => name.endsWith(".parquet"))) {
     // The native command compresses with zstd, which the page has not: the rows are the same.
-    const summary = (data) => JSON.parse(native(`isotherm describe ${name} --json`, [made(name, data)]).stdout).files[0].imus;
-    assert.deepEqual(summary(outputs.get(name)), summary(there.outputs.get(name)));
+    const replay = `isotherm replay --other-imu --table nominal.toml ${name} -o increments.csv`;
+    const increments = (data) => native(replay, [made(name, data), nominal]).outputs.get("increments.csv");
+    assert.ok(increments(outputs.get(name)).equals(increments(there.outputs.get(name))), `${line}: the rows of ${name} differ`);
     outputs.delete(name);
   }
   for (const [name, data] of outputs) assert.ok(timeless(data) === timeless(there.outputs.get(name)), `${line}: ${name} differs\n${difference(data, there.outputs.get(name))}`);
@@ -83,6 +84,7 @@ function difference(one, other) {
 const logs = "recording/formats/tests/data/autopilots";
 const fit = "calibration/fit/tests/data";
 const lab = `${fit}/any_lab`;
+const nominal = `${fit}/consumer/nominal.toml`;
 const example = made("warm-up.ulg", gunzipSync(readFileSync("packaging/web/data/warm-up.ulg.gz")));
 const night = join(scratch, "night");
 const simulated = spawnSync(isotherm, ["simulate", "run", "-o", night, "--temperatures", "20,21", "--ramp", "1", "--hold", "1", "--sensor-noise", "40", "--seed", "3"]);
@@ -96,11 +98,11 @@ const cases = {
   "warm-up of DataFlash, for ArduPilot": { files: [`${logs}/heating.BIN`], job: "warm-up", choices: ["ardupilot"] },
   "warm-up of the example, for both": { files: [example], job: "warm-up", choices: ["px4", "ardupilot"], fields: { imu: "my-drone" } },
   "warm-up with a lag": { files: [example], job: "warm-up", choices: [], fields: { lag: "100", order: "3" } },
-  "warm-up of a recording with its nominal table": { files: [`${fit}/consumer/thermal-run.csv`, `${fit}/consumer/nominal.toml`], job: "warm-up", choices: [] },
+  "warm-up of a recording with its nominal table": { files: [`${fit}/consumer/thermal-run.csv`, nominal], job: "warm-up", choices: [] },
   "a tumble": { files: [`${lab}/tumble3/recording.csv`], job: "tumble", fields: tumble },
   "a tumble of a real IMU": { files: [`${lab}/xsens/recording.csv`], job: "tumble", fields: { ...tumble, order: "0", "temperature-range": "15,35" } },
   "noise": { files: [join(night, "run.csv"), join(night, "truth.toml")], job: "noise", choices: ["kalibr"] },
-  "verify": { files: [`${fit}/consumer/thermal-run.csv`, `${fit}/consumer/nominal.toml`], job: "verify" },
+  "verify": { files: [`${fit}/consumer/thermal-run.csv`, nominal], job: "verify" },
   "compare": { files: [`${lab}/compare/2025.toml`, `${lab}/compare/2026.toml`], job: "compare", fields: { require: "bias=1ug0" }, code: 1 },
   "compare four": { files: [2023, 2024, 2025, 2026].map((year) => `${lab}/compare/${year}.toml`), job: "compare" },
   "convert a text": { files: [source, mapping], job: "convert", choices: [] },
@@ -141,7 +143,7 @@ await test("a table of the page becomes parameters", async () => {
 
 await test("every shipped log is described as the command does it", async () => {
   const texts = ["tumble3", "xsens", "ferraris"].map((name) => `${lab}/${name}/recording.csv`);
-  for (const file of [...["heating.ulg", "heating.BIN"].map((name) => `${logs}/${name}`), ...texts, example, `${fit}/consumer/thermal-run.csv`, `${fit}/ramp/ramp-1.csv`, "tests/data/run.csv", "tests/data/run-g.csv", "recording/formats/tests/data/old.mcap", "recording/formats/tests/data/old.parquet"]) {
+  for (const file of [...["heating.ulg", "heating.BIN"].map((name) => `${logs}/${name}`), ...texts, example, `${fit}/consumer/thermal-run.csv`, `${fit}/ramp/ramp-1.csv`, "tests/data/run.csv", "tests/data/run-g.csv"]) {
     await page.choose([file]);
     const there = JSON.parse(native(`isotherm describe ${basename(file)} --json`, [file]).stdout).files[0];
     assert.equal(await page.page.locator(".card").count(), 1, file);
@@ -151,6 +153,15 @@ await test("every shipped log is described as the command does it", async () => 
     const rows = there.imus.map((imu) => imu.rows).filter((count) => count !== null);
     const shown = (await page.page.locator(".card dd").allTextContents()).map((text) => text.replaceAll("\u202f", ""));
     for (const count of rows) assert.ok(shown.includes(String(count)), `${file}: ${shown}`);
+  }
+});
+
+await test("a recording that is compressed with zstd is refused with the remedy", async () => {
+  for (const [name, remedy] of [["old.mcap", "mcap decompress"], ["old.parquet", "write it with snappy"]]) {
+    await page.choose([`recording/formats/tests/data/${name}`]);
+    const card = await page.page.locator(".card").textContent();
+    assert.ok(card.includes("zstd") || card.includes("ZSTD"), card);
+    assert.ok(card.includes(remedy), card);
   }
 });
 
@@ -165,6 +176,14 @@ await test("the example is one button, and the query presets the fields", async 
   assert.match(digest, /^sha256:[0-9a-f]{64}$/);
   assert.deepEqual(preset.events, []);
   await preset.close();
+});
+
+await test("the page has the licences of what is in it", async () => {
+  await page.page.click("#about summary");
+  await page.page.waitForFunction(() => document.querySelector("#licences").textContent !== "");
+  const licences = await page.page.textContent("#licences");
+  for (const name of ["tofupilot", "@bjorn3/browser_wasi_shim", "nalgebra", "parquet", "libm"]) assert.ok(licences.includes(name), name);
+  await page.page.click("#about summary");
 });
 
 await test("hostile names and texts stay texts", async () => {

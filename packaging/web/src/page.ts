@@ -94,7 +94,9 @@ const text = (data: Uint8Array): string => new TextDecoder().decode(data);
 
 /** What is packed in the page under this name. */
 function unpacked(id: string): Response {
-  const packed = Uint8Array.from(atob((element(id).textContent ?? "").trim()), (letter) => letter.charCodeAt(0));
+  const letters = atob((element(id).textContent ?? "").trim());
+  const packed = new Uint8Array(letters.length);
+  for (let n = 0; n < letters.length; n += 1) packed[n] = letters.charCodeAt(n);
   element(id).remove();
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Response(stream, { headers: { "content-type": "application/wasm" } });
@@ -393,6 +395,7 @@ element("example").onclick = async (): Promise<void> => {
   example ??= unpacked("log").blob().then((data) => new File([data], "warm-up.ulg"));
   await take([await example]);
 };
+element("about").ontoggle = async (): Promise<string> => (element("licences").textContent ||= await unpacked("texts").text());
 for (const kind of ["dragover", "dragleave", "drop"] as const) {
   document.addEventListener(kind, (event) => {
     event.preventDefault();
