@@ -178,7 +178,7 @@ fn is_name(word: &str) -> bool {
 #[test]
 fn the_quick_start_works_as_it_stands() {
     let domain = TestDomain::new();
-    for folder in ["tests/data", "examples"] {
+    for folder in ["tests/data", "examples", "recording/formats/tests/data/autopilots"] {
         let made = Command::new("cp").args(["-r", "--parents", folder]).arg(domain.path("")).current_dir(ROOT).status();
         assert!(made.unwrap().success());
     }
