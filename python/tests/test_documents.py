@@ -190,6 +190,28 @@ def test_what_the_page_on_comparisons_shows(tmp_path: Path) -> None:
     assert "'A1 bias'" in done.stdout and "No device stands out" in done.stdout
 
 
+def test_what_the_page_on_calibration_shows(tmp_path: Path) -> None:
+    """Runs its code on the log of a laboratory, with rows in which the turntable moves."""
+    shutil.copy(CAMPAIGN, tmp_path)
+    rows = pd.read_csv(CAMPAIGN.with_name("samples.csv"))
+    log = pd.DataFrame({"time_s": rows["timestamp_ns"] / 1e9, "chamber_c": rows["set_point_c"], "pose": rows["position"]})
+    for axis, name in (("a1", "x"), ("a2", "y"), ("a3", "z")):
+        log[f"{name}+"], log[f"{name}-"] = rows[f"{axis}_positive"], rows[f"{axis}_negative"]
+        log[f"T_{name}"] = rows[f"{axis}_head"]
+    first = log["pose"].ne(log["pose"].shift()) & log["chamber_c"].eq(log["chamber_c"].shift())
+    moving = log[first].assign(time_s=log["time_s"] - 20, pose=np.nan)
+    log = pd.concat([log, moving]).sort_values("time_s", kind="stable")
+    assert len(moving) == 165 and log["time_s"].diff().min() >= 10
+    log.to_csv(tmp_path / "logger.csv", index=False)
+    program = "\n".join(blocks(REPOSITORY / "docs/calibrate.md"))
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    assert re.match(r"bias \+- 0\.3\d ug0, scale factor \+- 0\.9\d ppm over ", done.stdout), done.stdout
+    # The rows that it writes give the command the same table.
+    made = isotherm.calibrate_turntable(tmp_path / "campaign.toml")
+    assert made.table.id == isotherm.Table.load(tmp_path / "imu.toml").id
+
+
 def of_another_device(samples: Path) -> None:
     """The samples of a campaign with one pulse more in each row of A2."""
     import pandas as pd
