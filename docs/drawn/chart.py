@@ -1,4 +1,4 @@
-"""Charts and drawings as SVG files that stand alone: light or dark as the reader's screen is, and readable on a phone."""
+"""Charts and drawings as SVG files that stand alone: light or dark as the screen is, and readable on a phone."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -38,13 +38,14 @@ def style() -> str:
         f"text{{font:15px system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif;fill:var(--ink)}}{classes}"
         ".thick{stroke-width:2.2}.wide{stroke-width:3.5}.bold{font-weight:600}.small{font-size:13.5px}text.soft{fill:var(--soft)}"
         ".dashed{stroke-dasharray:7 7}.faint{opacity:.55}"
-        ".mono{font-family:ui-monospace,'DejaVu Sans Mono',Menlo,Consolas,monospace;white-space:pre}"
+        "text.mono{font:11.7px ui-monospace,'DejaVu Sans Mono',Menlo,Consolas,monospace;white-space:pre}"
     )
 
 
 def number(value: float) -> str:
     """A coordinate with one decimal at most."""
-    return f"{value:.1f}".removesuffix(".0").replace("-0", "0") if abs(value) < 0.05 else f"{value:.1f}".removesuffix(".0")
+    # Without the sign of a zero.
+    return f"{round(value, 1) + 0.0:.1f}".removesuffix(".0")
 
 
 def path(points: Iterable[tuple[float, float]]) -> str:
@@ -64,7 +65,9 @@ class Drawing:
         turned = f' transform="rotate(-90 {number(x)} {number(y)})"' if turn else ""
         named = f' class="{kind}"' if kind else ""
         at = "" if anchor == "start" else f' text-anchor="{anchor}"'
-        self.parts.append(f'<text x="{number(x)}" y="{number(y)}"{named}{at}{turned}>{escape(words, quote=False)}</text>')
+        self.parts.append(
+            f'<text x="{number(x)}" y="{number(y)}"{named}{at}{turned}>{escape(words, quote=False)}</text>'
+        )
 
     def heading(self, words: str, *under: str) -> None:
         """A line in bold, and lines below it."""
@@ -81,7 +84,9 @@ class Drawing:
     def area(self, points: Iterable[tuple[float, float]], kind: str) -> None:
         self.parts.append(f'<path class="{kind}" d="{path(points)}Z"/>')
 
-    def box(self, x: float, y: float, width: float, height: float, kind: str = "fill rim-line", round: float = 6) -> None:
+    def box(
+        self, x: float, y: float, width: float, height: float, kind: str = "fill rim-line", round: float = 6
+    ) -> None:
         """A box with a rim, if the kind names two classes."""
         area, _, rim = kind.partition(" ")
         size = f'x="{number(x)}" y="{number(y)}" width="{number(width)}" height="{number(height)}" rx="{number(round)}"'
@@ -92,7 +97,9 @@ class Drawing:
     def circle(self, x: float, y: float, radius: float, kind: str) -> None:
         self.parts.append(f'<circle class="{kind}" cx="{number(x)}" cy="{number(y)}" r="{number(radius)}"/>')
 
-    def arrow(self, points: Sequence[tuple[float, float]], colour: str = "ink", kind: str = "", head: float = 7) -> None:
+    def arrow(
+        self, points: Sequence[tuple[float, float]], colour: str = "ink", kind: str = "", head: float = 7
+    ) -> None:
         """A line with a head at its end."""
         (x0, y0), (x1, y1) = points[-2:]
         length = ((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5 or 1.0
@@ -100,7 +107,9 @@ class Drawing:
         neck = (x1 - ux * head, y1 - uy * head)
         self.line([*points[:-1], neck], f"{colour}-line {kind}".strip())
         half = head * 0.55
-        self.area([(x1, y1), (neck[0] - uy * half, neck[1] + ux * half), (neck[0] + uy * half, neck[1] - ux * half)], colour)
+        self.area(
+            [(x1, y1), (neck[0] - uy * half, neck[1] + ux * half), (neck[0] + uy * half, neck[1] - ux * half)], colour
+        )
 
     def keys(self, entries: Sequence[tuple[str, str]]) -> None:
         """The legend: a class of lines and its words, one a line."""
@@ -126,7 +135,7 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     step = 10.0 ** floor(log10((high - low) / about))
     step *= next(by for by in (1, 2, 5, 10) if (high - low) / (by * step) <= about + 0.5)
     first = floor(low / step + 0.999999)
-    found = []
+    found: list[float] = []
     while (first + len(found)) * step <= high + step * 1e-6:
         found.append((first + len(found)) * step)
     return found
@@ -143,8 +152,18 @@ class Plot:
 
     LEFT, RIGHT = 66, 14
 
-    def __init__(self, drawing: Drawing, x: tuple[float, float], y: tuple[float, float], height: float, along: str, up: str,
-                 logarithmic: bool = False, left: float = LEFT, right: float = RIGHT):
+    def __init__(
+        self,
+        drawing: Drawing,
+        x: tuple[float, float],
+        y: tuple[float, float],
+        height: float,
+        along: str,
+        up: str,
+        logarithmic: bool = False,
+        left: float = LEFT,
+        right: float = RIGHT,
+    ):
         self.drawing, self.x_range, self.y_range, self.logarithmic = drawing, x, y, logarithmic
         self.left, self.right = left, drawing.width - right
         self.top, self.bottom = drawing.y + 8, drawing.y + 8 + height
@@ -188,7 +207,9 @@ class Plot:
 
     def dots(self, points: Points, kind: str, size: float = 6) -> None:
         d = "".join(f"M{number(x)} {number(y)}h0" for x, y in (self.at(*point) for point in points))
-        self.drawing.parts.append(f'<path class="{kind}" style="stroke-width:{number(size)};stroke-linecap:round" d="{d}"/>')
+        self.drawing.parts.append(
+            f'<path class="{kind}" style="stroke-width:{number(size)};stroke-linecap:round" d="{d}"/>'
+        )
 
     def bars(self, spans: Iterable[tuple[float, float, float]], kind: str) -> None:
         """Intervals: x, lower and upper end."""
