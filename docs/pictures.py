@@ -19,11 +19,12 @@ from drawn.command import FOLDER, PICTURES  # noqa: E402
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--check", action="store_true", help="compare, and write nothing")
-    arguments.add_argument("--screen", action="store_true", help="take the screen of isotherm top anew")
+    arguments.add_argument("--screen", action="store_true", help="take the screens of isotherm top and of a report anew")
     arguments.add_argument("name", nargs="*", choices=[[], *PICTURES], help="picture, without .svg")
     options = arguments.parse_args()
     if options.screen:
-        screen.take()
+        screen.take_top()
+        screen.take_report()
     wrong = []
     for name in options.name or PICTURES:
         made, file = PICTURES[name](), FOLDER / f"{name}.svg"

@@ -1,4 +1,7 @@
-"""The screen of `isotherm top`. Its numbers are those of one moment, which docs/pictures/top.txt keeps."""
+"""Screens: `isotherm top`, and the beginning of a report. Each shows one moment: `--screen` takes them anew.
+
+docs/pictures/top.txt is the text of the screen, from which the picture is drawn. report.png needs chromium.
+"""
 
 import fcntl
 import os
@@ -12,7 +15,7 @@ import termios
 import time
 
 from .chart import Drawing
-from .command import FOLDER, isotherm, picture, scratch
+from .command import FOLDER, ROOT, isotherm, picture, scratch
 
 SCREEN = FOLDER / "top.txt"
 COLUMNS, ROWS = 80, 22
@@ -34,7 +37,7 @@ def shown(output: str) -> str:
     return "".join(line.rstrip() + "\n" for line in lines)
 
 
-def take() -> None:
+def take_top() -> None:
     """Serves and feeds a simulated IMU, and keeps what `isotherm top` shows after 15 s."""
     place = scratch()
     environment = {**os.environ, "ISOTHERM_DOMAIN": "vehicle", "ISOTHERM_ROOT": str(place), "TERM": "xterm-256color"}
@@ -67,6 +70,16 @@ def take() -> None:
         program.wait()
     subprocess.run(["isotherm", "clean"], cwd=place, env=environment, check=True, capture_output=True)
     SCREEN.write_text(shown(output.decode()))
+
+
+def take_report() -> None:
+    """Opens the report of the example campaign in a browser, and keeps what is seen first."""
+    campaign = f"{ROOT}/examples/campaign/campaign.toml"
+    isotherm("calibrate", "turntable", campaign, "-o", "imu.toml", "--report", "calibrate.html")
+    words = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run"]
+    words += ["--disable-background-networking", "--blink-settings=preferredColorScheme=1", "--window-size=820,780"]
+    words += [f"--user-data-dir={scratch()}/profile", f"--screenshot={FOLDER}/report.png"]
+    subprocess.run([*words, f"file://{scratch()}/calibrate.html"], check=True, capture_output=True, timeout=120)
 
 
 @picture("top")
