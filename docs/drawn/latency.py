@@ -17,8 +17,9 @@ def _() -> str:
     drawing = Drawing("Round trip of a whole IMU divided by that of bare iceoryx2")
     drawing.heading(
         "Round trip through the service, over bare iceoryx2",
-        "Below 1 the service is faster, since it rehearses its path shortly before",
-        "each sample. Ratios of one run with 95 % intervals: docs/figures.md.",
+        "Waiting strategy spin. Below 1 the service is faster: it rehearses",
+        "its path before each sample. Ratios of one run with 95 % intervals,",
+        "from docs/figures.md.",
     )
     names = {"plain": "bare iceoryx2, plain", "rehearsed too": "bare iceoryx2, rehearsed too"}
     rate = ""
