@@ -41,7 +41,7 @@ def _() -> str:
         "Simulated ramps up and down at two rates, accelerometer A1.",
     )
     drawing.keys(
-        [("own-line thick", "20 °C/h, heating and cooling"), ("raw-line thick", "70 °C/h, heating and cooling")]
+        [("own-line thick", "20 °C/h, heating and cooling"), ("raw-line thick dashed", "70 °C/h, heating and cooling")]
     )
     cases = {
         "lag": ("A lag of 240 s: the loop opens with the rate", ["--lag", "240", "--transient", "350,-200,120"]),
@@ -52,9 +52,9 @@ def _() -> str:
         of = [sweeps(folder, ramp) for ramp in (1, 2)]
         drawing.heading(words)
         plot = Plot(drawing, (1, 4.1), (-100, 100), 150, "head temperature [V]", "error [µg]")
-        for colour, loop in zip(("own", "raw"), of, strict=True):
+        for kind, loop in zip(("own-line thick", "raw-line thick dashed"), of, strict=True):
             for sweep in loop:
-                plot.line(sweep, f"{colour}-line thick")
+                plot.line(sweep, kind)
     return drawing.svg()
 
 
