@@ -1,39 +1,41 @@
 #!/usr/bin/env python3
-"""Takes the pictures of docs/calibrate.md and docs/verify.md out of reports, as SVG files that stand alone.
+"""Makes the pictures of the documents, docs/pictures/*.svg, with the command `isotherm` that is on PATH.
 
-    isotherm calibrate turntable examples/campaign/campaign.toml -o imu.toml --report imu.html
-    isotherm simulate run -o run && isotherm verify --table imu.toml run/run.csv --report verify.html
-    python3 docs/pictures.py imu.html verify.html docs/pictures
+    cargo build --release && PATH=$PWD/target/release:$PATH python3 docs/pictures.py
+
+Names make some of them. `--check` compares them with the files in place of writing them. The same version of the
+command makes the same files on every machine.
 """
 
-import pathlib
-import re
+import argparse
 import sys
 
-# Report, label of the plot in it, name of the picture.
-PICTURES = [
-    (0, "Bias of A1: Bias", "bias"),
-    (0, "Bias of A1: set point less table", "residuals"),
-    (1, "A1 over temperature", "stability"),
-    (1, "A1 after, over time", "after"),
-]
+sys.dont_write_bytecode = True
+
+from drawn import latency, overview, reports, screen, simulated, thermal_run, turntable  # noqa: E402, F401
+from drawn.command import FOLDER, PICTURES  # noqa: E402
 
 
 def main() -> None:
-    reports = [pathlib.Path(name).read_text() for name in sys.argv[1:3]]
-    folder = pathlib.Path(sys.argv[3])
-    folder.mkdir(exist_ok=True)
-    for report, label, name in PICTURES:
-        style = re.search(r"<style>(.*?)</style>", reports[report], re.S).group(1)
-        svg = re.search(rf'<svg[^>]*aria-label="{re.escape(label)}.*?</svg>', reports[report], re.S).group(0)
-        width, height = re.search(r'viewBox="0 0 (\S+) (\S+)"', svg).groups()
-        head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}"'
-        # A picture in a page has a light background whatever the page's is.
-        light = re.sub(r"@media screen and \(prefers-color-scheme: dark\) \{\s*:root \{.*?\}\s*\}", "", style, flags=re.S)
-        back = '<rect width="100%" height="100%" fill="#ffffff"/>'
-        svg = head + svg.removeprefix("<svg")
-        svg = svg.replace(">", f"><style>{light} text {{ font-family: sans-serif }}</style>{back}", 1)
-        (folder / f"{name}.svg").write_text(svg + "\n")
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--check", action="store_true", help="compare, and write nothing")
+    arguments.add_argument("--screen", action="store_true", help="take the screens of isotherm top and of a report anew")
+    arguments.add_argument("name", nargs="*", choices=[[], *PICTURES], help="picture, without .svg")
+    options = arguments.parse_args()
+    if options.screen:
+        screen.take_top()
+        screen.take_report()
+    wrong = []
+    for name in options.name or PICTURES:
+        made, file = PICTURES[name](), FOLDER / f"{name}.svg"
+        if not options.check:
+            file.write_text(made)
+        elif not file.exists() or file.read_text() != made:
+            wrong.append(name)
+    if options.check and not options.name:
+        wrong += sorted(file.stem for file in FOLDER.glob("*.svg") if file.stem not in PICTURES)
+    if wrong:
+        sys.exit(f"not as docs/pictures.py makes them: {', '.join(wrong)}; renew them with python3 docs/pictures.py")
 
 
 main()
