@@ -3,8 +3,8 @@
 //! # Primer
 //! An IMU has three accelerometers, A1, A2, A3, and often three gyroscopes, G1, G2, G3, of any technology: from quartz
 //! flexure accelerometers to MEMS, whose readings are turned into pulses. Each sensor delivers **pulses** on two
-//! channels, one for each sign, and two **temperatures**. For an accelerometer the temperature of the sensor head drives
-//! the **bias** A \[g0\]; the temperature of the converter board drives the **scale factors** K+ > 0 and K- < 0
+//! channels, one for each sign, and two **temperatures**. For an accelerometer the temperature of the sensor head
+//! drives the **bias** A \[g0\]; the temperature of the converter board drives the **scale factors** K+ > 0 and K- < 0
 //! \[pulse/(s*g0)\]. All three are polynomials of the temperature, kept in a
 //! [`CoefficientTable`](table::CoefficientTable). Over a control period Ts \[s\]
 //!
@@ -12,9 +12,9 @@
 //! dv = |g0| * ( N+/K+(U_board) + N-/K-(U_board) - A(U_head) * Ts )                 [m/s]
 //! ```
 //! is the **velocity increment** along the sensor's input axis (at rest, an axis that points up gives +|g| * Ts); with
-//! an alignment matrix it is along the body's axes. The angle increment of a gyroscope has an equation of the same form,
-//! with a g-sensitivity. Only [`compensate`](mod@compensate) implements this equation: the
-//! service, the replay and the tests all call it, so they cannot disagree.
+//! an alignment matrix it is along the body's axes. The angle increment of a gyroscope has an equation of the same
+//! form, with a g-sensitivity. Only [`compensate`](mod@compensate) implements these equations: the service, the replay
+//! and the tests all call it, so they cannot disagree.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
