@@ -13,7 +13,7 @@
 //! ```
 //! is the **velocity increment** along the sensor's input axis (at rest, an axis that points up gives +|g| * Ts); with
 //! an alignment matrix it is along the body's axes. The angle increment of a gyroscope has an equation of the same
-//! form, with a g-sensitivity. Only [`compensate`](mod@compensate) implements these equations: the service, the replay
+//! form, with a g-sensitivity. Only [`compensate`](mod@compensate) implements this equation: the service, the replay
 //! and the tests all call it, so they cannot disagree.
 //!
 //! ```
