@@ -151,11 +151,11 @@ def test_replay_is_the_command_byte_for_byte(table: isotherm.Table, recorded: is
     # Bit for bit, since the angles of a table without gyroscopes are NaN.
     assert isotherm.read_increments(tmp_path / "command.csv").tobytes() == increments.tobytes()
     # A data frame of the recording, as pandas reads it, with another index.
-    frame = pd.read_csv(RUN).set_index(pd.RangeIndex(10, 10 + len(recorded)))
+    frame = pd.read_csv(RUN, float_precision="round_trip").set_index(pd.RangeIndex(10, 10 + len(recorded)))
     result = isotherm.replay(table, frame)
     assert list(result.columns) == (tmp_path / "command.csv").read_text().partition("\n")[0].split(",")
     assert (result.index == frame.index).all()
-    right = pd.read_csv(tmp_path / "command.csv", dtype={"table": str})
+    right = pd.read_csv(tmp_path / "command.csv", dtype={"table": str}, float_precision="round_trip")
     for column in result.columns:
         assert result[column].tolist() == right[column].tolist(), column
 

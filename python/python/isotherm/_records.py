@@ -167,7 +167,10 @@ class Flags(enum.IntFlag):
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         """NumPy would take a member for a signed integer, which has no type in common with the unsigned ones of an array."""
-        plain = [int(value) if isinstance(value, Flags) else value for value in inputs]
+        # NumPy 1.26 takes a plain integer next to an unsigned scalar for a signed one, too.
+        unsigned = any(getattr(value, "dtype", None) == np.uint64 for value in inputs)
+        kind = np.uint64 if unsigned else int
+        plain = [kind(int(value)) if isinstance(value, Flags) else value for value in inputs]
         return getattr(ufunc, method)(*plain, **options)
 
 
