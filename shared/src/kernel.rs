@@ -18,9 +18,9 @@ use crate::wire::{AXES, RawSample};
 use nalgebra::Matrix3;
 use wide::f64x2;
 
-/// Pairs of sensors: A1 A2, A3 A3.
+/// Pairs of sensors: A1 with A2, A3 with itself.
 const ACCELEROMETERS: usize = 2;
-/// Pairs of sensors: A1 A2, A3 G1, G2 G3.
+/// Pairs of sensors: A1 with A2, A3 with G1, G2 with G3.
 const WHOLE: usize = 3;
 
 /// A number of every sensor.

@@ -16,9 +16,9 @@
 //! therefore given: for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the
 //! printed equations are in docs/paper.md.
 //!
-//! Other columns z1 ... zq may enter linearly in addition to the polynomial: y = a0 + a1 x + ... + am x^m + b1 z1 + ...
-//! + bq zq. Then m is the order of the polynomial still, and the degrees of freedom of the regression are m + q in the
-//! place of m.
+//! Other columns z1 ... zq may enter linearly in addition to the polynomial:
+//! `y = a0 + a1 x + ... + am x^m + b1 z1 + ... + bq zq`. Then m is still the order of the polynomial, and the degrees
+//! of freedom of the regression are m + q in the place of m.
 //!
 //! # Algorithm
 //! The equations are only the definition: solving the normal equations (7) would lose half the digits. x is centred and
