@@ -24,8 +24,8 @@ STUB = FOLDER / "python/isotherm/_isotherm.pyi"
 PAGE = FOLDER.parent / "docs/python-reference.md"
 HEAD = """# Python reference
 
-For whoever uses the package `isotherm`: every name that it has, as `help()` shows it. [python.md](python.md) shows how
-they work together. This page is written by `python/reference.py`.
+This page lists every name of the package `isotherm`, as `help()` shows it. [python.md](python.md) shows how the names
+work together. `python/reference.py` writes this page.
 """
 PARTS = {
     "Calibrate": ("calibrate_turntable", "calibrate_tumble", "calibrate_warm_up", "calibrate_vehicle", "Calibration", "Vehicle"),

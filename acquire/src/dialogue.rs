@@ -108,7 +108,7 @@ impl Dialogue {
     }
 }
 
-/// Bytes for people: as text where they are, else in hexadecimal digits.
+/// Bytes for people: as text where they are, otherwise in hexadecimal digits.
 pub(crate) fn shown(bytes: &[u8]) -> String {
     let is_text = bytes.iter().all(|byte| byte.is_ascii_graphic() || b" \r\n".contains(byte));
     match std::str::from_utf8(bytes) {

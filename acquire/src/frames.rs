@@ -1,8 +1,8 @@
 //! Frames in a stream of bytes: found by their first bytes, held right by their checksum.
 //!
 //! A frame whose checksum is right is taken as a whole: its bytes are not searched. After one that is wrong the search
-//! goes on one byte behind its beginning, so one wrong byte costs one frame. What the frames are depends on the bytes
-//! alone, not on how they arrive in pieces. The work for each byte is bounded by the length of the longest frame, and
+//! goes on one byte behind its beginning, so one wrong byte costs one frame. What the frames are depends only on the
+//! bytes, not on how they arrive in pieces. The work for each byte is bounded by the length of the longest frame, and
 //! so is the memory.
 
 use crate::checksum::Checksum;

@@ -1,4 +1,4 @@
-//! Tells when the device's status says that sensors are not healthy, and when that ends.
+//! Reports when the device's status says that sensors are not healthy, and when that ends.
 
 use isotherm_client::Sensor;
 use isotherm_support::failure::tell;
@@ -75,7 +75,7 @@ mod tests {
         // 200 s are three times a minute: two messages each.
         assert!((6..=8).contains(&told.len()), "{told:?}");
         assert!(told[0].contains("changes: A1;"), "{told:?}");
-        // What is so in the end is told.
+        // What is so in the end is reported.
         let last = (0..7_000).filter_map(|turn| at(300_000 + 10 * turn, 0b111)).last();
         assert!(last.is_some_and(|last| last.contains("A1, A2, A3;")));
     }

@@ -49,7 +49,7 @@ enum DialogueSubject {
 
 impl Recognition {
     /// `has_sent`: this IMU has sent a sample since the machine was started. Then another device is flagged or held,
-    /// else it is refused.
+    /// otherwise it is refused.
     pub(crate) fn new(description: &Description, has_sent: bool) -> Self {
         let identity = description.identity.as_ref();
         let (field, finder) = match identity.map(|identity| &identity.says) {
@@ -152,7 +152,7 @@ impl Recognition {
         Ok(if self.under_way.is_some() { bytes.len() } else { bytes.len() - left })
     }
 
-    /// What follows a dialogue, whose faults are told.
+    /// What follows a dialogue, whose faults are reported.
     fn next(&self, subject: DialogueSubject, unanswered: &[DialogueStep]) -> Option<(Dialogue, DialogueSubject)> {
         for step in unanswered {
             let what = if step.send.is_empty() { "what was to follow".to_owned() } else { shown(&step.send) };
@@ -219,7 +219,7 @@ impl Recognition {
         }
     }
 
-    /// Tells that samples were of another device.
+    /// Reports that samples were of another device.
     pub(crate) fn remind(&mut self) {
         let DeviceKnowledge::Other(number) = &self.known else { return };
         let serial = self.serial.as_deref().unwrap_or_default();

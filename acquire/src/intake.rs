@@ -15,7 +15,7 @@ use crate::timeline::{Counter, FrameObservation, FramePlace, FramePlacement, Tim
 use isotherm_client::RawSample;
 use isotherm_support::failure::tell;
 
-/// Gaps that are told one by one; the tally has all.
+/// Gaps that are reported one by one; the tally has all.
 const TOLD_GAPS: u64 = 10;
 /// A device whose own clock or counter began so long ago was just powered \[ns\], unless it may have turned: it turns
 /// within less than a day \[ns\].
@@ -340,7 +340,7 @@ impl Intake {
         self.tally.ambiguous += u64::from(is_ambiguous);
         if self.tally.gaps <= TOLD_GAPS {
             let uncertain = if is_ambiguous { ", or other turns of the counter" } else { "" };
-            let last = if self.tally.gaps == TOLD_GAPS { "; later ones are in the tally alone" } else { "" };
+            let last = if self.tally.gaps == TOLD_GAPS { "; later ones are only in the tally" } else { "" };
             let sequence = self.sequence;
             tell("isotherm", format!("gap: {missing} missing{uncertain} before sequence {sequence}{last}"));
         }
@@ -365,9 +365,10 @@ impl Intake {
     /// A frame that is no sample: its period is missing, unless the session has no sample before it.
     fn missing_sample(&mut self, cause: &NoSample) {
         let (count, message) = match cause {
-            NoSample::Incomplete => {
-                (&mut self.tally.incomplete, "has not all columns of the sensors, or one that is no number".to_owned())
-            }
+            NoSample::Incomplete => (
+                &mut self.tally.incomplete,
+                "has not all columns of the sensors, or one that is not a number".to_owned(),
+            ),
             NoSample::NoTemperature => {
                 (&mut self.tally.without_temperature, "comes before the first temperature".to_owned())
             }
@@ -375,7 +376,7 @@ impl Intake {
         };
         *count += 1;
         if *count == 1 {
-            tell("isotherm", format!("frame {}: {message}; it is no sample; later ones are counted", self.sequence));
+            tell("isotherm", format!("frame {}: {message}; it is not a sample; later ones are counted", self.sequence));
         }
         if self.has_sample {
             self.tally.missing += 1;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_secs(1);
 /// What is lost where the folder does not take the note.
 const LOSS: &str = "the next acquisition will not know the lag";
-/// A lag that is older than this many time constants tells nothing: the temperatures may have done anything meanwhile.
+/// A lag that is older than this many time constants shows nothing: the temperatures may have done anything meanwhile.
 const MOST_TIME_CONSTANTS: u64 = 10;
 /// Clocks that differ by less since the last reading are the same one \[ns\]: samples may wait for the service.
 const SAME_CLOCK_NS: u128 = 2_000_000_000;
@@ -87,7 +87,7 @@ impl AcquisitionNote {
     pub(crate) fn load(domain: &Domain, imu: &ImuId) -> Self {
         let text = note(domain, imu).read_from_members(domain);
         let content = text.and_then(|text| serde_json::from_slice::<NoteContent>(&text).ok());
-        // A kernel that does not tell its start cannot be known to be the same.
+        // A kernel that does not report its start cannot be known to be the same.
         let boot = boot();
         let noted = content.filter(|content| content.boot != 0 && content.boot == boot);
         Self { domain: domain.clone(), imu: imu.clone(), boot, noted, handed: None, writer: None }

@@ -1,4 +1,4 @@
-//! What recurs is told at once, and then once a minute.
+//! What recurs is reported at once, and then once per minute.
 
 use isotherm_support::failure::tell;
 use std::time::{Duration, Instant};
@@ -18,23 +18,23 @@ const PAUSE: Duration = Duration::from_secs(60);
 /// ```
 #[derive(Debug, Default)]
 pub struct Notice {
-    /// When it was told last, and how often at once.
+    /// When it was reported last, and how often at once.
     told: Option<(Instant, u32)>,
-    /// So many more are told at once.
+    /// This many more are reported at once.
     more: u32,
-    /// How often it has happened since it was told.
+    /// How often it has happened since it was reported.
     untold: u64,
 }
 
 impl Notice {
-    /// One of which so many are told at once, one after the other.
+    /// One of which this many are reported at once, one after the other.
     #[must_use]
     pub const fn of(many: u32) -> Self {
         Self { told: None, more: many.saturating_sub(1), untold: 0 }
     }
 
-    /// Tells what has happened, unless that was told within the last minute. A later line has the number of those that
-    /// were not told.
+    /// Reports what has happened, unless that was reported within the last minute. A later line has the number of those
+    /// that were not reported.
     pub fn tell(&mut self, text: impl FnOnce() -> String) {
         let (is_late, told) = self.told.map_or((true, 0), |(told, times)| (told.elapsed() >= PAUSE, times));
         if !is_late && told > self.more {
@@ -49,7 +49,7 @@ impl Notice {
         tell("isotherm", format!("{}{times}", text()));
     }
 
-    /// Tells of the next one at once.
+    /// Reports the next one at once.
     pub fn is_over(&mut self) {
         *self = Self { told: None, more: self.more, untold: 0 };
     }

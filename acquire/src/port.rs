@@ -105,7 +105,7 @@ impl OpenPort {
 }
 
 impl OpenPort {
-    /// When the bytes that were read last came, if the kernel tells that \[ns, monotonic clock\].
+    /// When the bytes that were read last came, if the kernel reports that \[ns, monotonic clock\].
     pub(crate) const fn received_ns(&self) -> Option<u64> {
         match self {
             Self::Udp(datagrams) => datagrams.received_ns,
@@ -219,7 +219,7 @@ pub(crate) fn refused(port: &Port, error: &io::Error) -> Failure {
         (_, Some(Errno::NOENT | Errno::NXIO | Errno::NODEV)) => {
             "plug it in; `isotherm acquire --list` shows the serial ports that there are"
         }
-        (_, Some(Errno::ISDIR | Errno::NOTTY)) => "it is no serial line; give a device as /dev/ttyUSB0",
+        (_, Some(Errno::ISDIR | Errno::NOTTY)) => "it is not a serial line; give a device as /dev/ttyUSB0",
         (_, Some(Errno::INVAL)) => "the line refuses its settings; give a rate and parity that it has",
         _ if error.kind() == io::ErrorKind::ResourceBusy => {
             "end the program that has it (`fuser -v` names it; gpsd and ModemManager open what is plugged in)"
@@ -271,7 +271,7 @@ pub fn serial_ports(root: &Path) -> Vec<PathBuf> {
         let is_usual = ["ttyUSB", "ttyACM", "ttyAMA", "ttyTHS", "ttyPS", "ttymxc", "ttySC", "ttyO"]
             .iter()
             .any(|beginning| name.starts_with(beginning));
-        // Of ttyS0 to ttyS31 most have no hardware.
+        // Most of ttyS0 to ttyS31 have no hardware.
         let is_real = name.starts_with("ttyS") && is_real_uart(root, &name);
         (is_usual || is_real) && !named.contains(path)
     };

@@ -40,7 +40,7 @@ pub(crate) struct Recorder {
     overflow: u64,
 }
 
-/// What the thread tells, and is told.
+/// What the thread reports, and what it is asked.
 #[derive(Default)]
 struct WriterState {
     written: AtomicU64,
@@ -105,7 +105,11 @@ impl Recorder {
         let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(*raw) };
         if self.rows.as_ref().is_none_or(|rows| rows.try_send(row).is_err()) {
             if self.overflow == 0 {
-                tell("isotherm", "warning: rows are not recorded: the disk is too slow, full or gone; sending goes on");
+                tell(
+                    "isotherm",
+                    "warning: rows are not recorded: the disk is too slow, full or gone; sending \
+                    continues",
+                );
             }
             self.overflow += 1;
         }
@@ -150,7 +154,7 @@ struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// Creates the files. A full disk is told of the first time, and waited for.
+    /// Creates the files. A full disk is reported the first time, and waited for.
     fn open(&mut self, is_first: bool) -> Result<(), FileError> {
         let RecordingTarget { path, rotation } = &self.recording;
         let imus = [self.imu.clone()];

@@ -28,10 +28,10 @@ const WRITTEN: Duration = Duration::from_secs(1);
 const JUDGED: Duration = Duration::from_millis(500);
 /// Pause between two looks for a device that is away.
 const LOOK: Duration = Duration::from_millis(250);
-/// A silence that is told, and so many intervals.
+/// A silence that is reported, and this many intervals.
 const SILENT: Duration = Duration::from_secs(2);
 const SILENT_INTERVALS: u32 = 10;
-/// After this time without a frame it is told once a minute what came instead.
+/// After this time without a frame a message reports once per minute what came instead.
 const LONG: Duration = Duration::from_secs(10);
 
 /// When a numbered file is full that nothing but its name asks for.
@@ -69,7 +69,7 @@ pub struct RunSettings {
 ///
 /// # Errors
 /// If the source cannot be opened or is not as described, or the service cannot be reached by waiting. The tally is
-/// told before.
+/// reported before.
 pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Failure> {
     description.realtime.apply().map_err(|error| Failure::new(Exit::Config, format!("realtime: {error}")))?;
     let imu = description.imu.clone();
@@ -85,7 +85,13 @@ pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Fa
         Some(recording) if has_sent && Recorder::is_there(recording) => {
             recording.rotation.time = Some(NEVER);
             let path = shown(&recording.path);
-            tell("isotherm", format!("{path} has rows of before: the recording goes on in a numbered file beside it"));
+            tell(
+                "isotherm",
+                format!(
+                    "{path} has rows of before: the recording continues in a numbered file next to \
+                it"
+                ),
+            );
         }
         recording => drop(recording.as_ref().map(Recorder::check).transpose()?),
     }
@@ -239,7 +245,7 @@ impl AcquisitionLoop<'_> {
         Ok(())
     }
 
-    /// Tells if the device is silent, or babbles, and when it is heard again. Opens a silent one again.
+    /// Reports if the device is silent, or babbles, and when it is heard again. Opens a silent one again.
     fn listen(&mut self, now: Instant) {
         self.source.count(&mut self.intake);
         let tally = &self.intake.tally;

@@ -73,7 +73,7 @@ impl Status {
                 all.fold(0, |all, (sensor, _)| all | 1u8 << sensor)
             };
             let whole = row.get(*column).and_then(|value| value.whole);
-            // A number that is not there tells nothing good.
+            // A number that is not there is a bad sign.
             let wrong = whole.map_or(u64::MAX, |whole| (whole ^ self.healthy) & self.mask);
             let (own, of_any) = (sensors(&|bits| bits & wrong != 0), sensors(&|bits| bits != 0));
             [own, of_any, ALL].into_iter().find(|sensors| *sensors != 0).filter(|_| wrong != 0).unwrap_or(0)
@@ -208,7 +208,7 @@ impl Assembler {
         has(&self.columns.accelerometer) && self.columns.gyroscope.as_ref().is_none_or(has)
     }
 
-    /// Takes the temperature of a row that has some; else that of the last row stays.
+    /// Takes the temperature of a row that has some; otherwise that of the last row stays.
     pub(crate) fn take_temperature(&mut self, row: &[Value], timestamp_ns: u64) {
         let TemperatureColumns::Columns { head, board, linear } = self.columns.temperature else { return };
         let mut is_new = false;

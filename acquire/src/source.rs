@@ -22,7 +22,7 @@ const BUFFER: usize = 1 << 16;
 /// Reads before the caller gets its turn, on a line that never is silent.
 const READS: usize = 16;
 
-/// Outages that are told one by one within a minute.
+/// Outages that are reported one by one within a minute.
 const TOLD: u32 = 10;
 
 /// The source of rows.
@@ -138,7 +138,7 @@ impl Source {
             return messages.queue().wait(longest);
         }
         let Ok(longest) = Timespec::try_from(longest) else { return };
-        // The result is not used: a read tells what there is.
+        // The result is not used: a read shows what there is.
         let _ = match self {
             Self::Bytes(bytes) => match &bytes.open {
                 Some(open) => poll(&mut [PollFd::new(open, PollFlags::IN)], Some(&longest)),
@@ -205,7 +205,7 @@ impl Source {
         match self {
             Self::Bytes(bytes) => bytes.look(may_begin),
             Self::Iio(scans) if may_begin => {
-                // Else it is unplugged, or its driver is not there yet.
+                // Otherwise it is unplugged, or its driver is not there yet.
                 if let Ok(open) = iio::open(&scans.root, &scans.settings) {
                     (scans.open, scans.empty_ns) = (Some(open), monotonic_ns());
                     tell("isotherm", format!("{} is back", scans.settings.devices.join(" and ")));

@@ -146,7 +146,7 @@ pub struct Tally {
     pub deviation_ppm: f64,
     /// Bytes that were no frame.
     pub skipped: SkippedBytes,
-    /// The serial number that the device has told, if the description has one to compare it with.
+    /// The serial number that the device has sent, if the description has one to compare it with.
     pub device: String,
     /// Whether the device is another one than the description's now.
     pub is_other: bool,
@@ -195,7 +195,7 @@ impl Tally {
 }
 
 impl fmt::Display for Tally {
-    /// One line; counts of 0 that tell of faults are left out.
+    /// One line; counts of 0 for faults are left out.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {} frames in {:.1} s, {} samples", self.imu, self.frames, self.seconds, self.samples)?;
         if self.rate_hz > 0.0 {

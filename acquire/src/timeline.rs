@@ -94,7 +94,7 @@ pub(crate) struct Timeline<T> {
     numbering: FrameNumbering,
     /// Whether two frames may come in the wrong order, as datagrams may.
     may_overtake: bool,
-    /// Whether the arrivals tell of the rate.
+    /// Whether the arrivals show the rate.
     has_pace: bool,
     last: Option<LastFrame>,
     waiting: VecDeque<(FrameObservation, T)>,
@@ -148,7 +148,7 @@ impl<T> Timeline<T> {
         Self { may_overtake: true, ..self }
     }
 
-    /// For frames whose arrivals tell nothing of the rate.
+    /// For frames whose arrivals show nothing of the rate.
     pub(crate) fn at_any_pace(self) -> Self {
         Self { has_pace: false, ..self }
     }

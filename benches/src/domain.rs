@@ -211,7 +211,7 @@ impl BenchDomain {
         format!("{text}:\n{}", lines[lines.len().saturating_sub(20)..].join("\n")).into()
     }
 
-    /// Waits until `condition` holds; `pause` lies between two looks. `what` tells in the error what did not happen.
+    /// Waits until `condition` holds; `pause` lies between two looks. `what` names in the error what did not happen.
     ///
     /// # Errors
     /// That of `condition`, or after `timeout`.
@@ -254,10 +254,10 @@ fn remove_shared_memory(prefix: &str) {
     shared_memory(prefix).for_each(|entry| drop(fs::remove_file(entry.path())));
 }
 
-/// Tells the guardian of a new domain; the first call starts it. Its input ends with this process, however that ends.
+/// Informs the guardian of a new domain; the first call starts it. Its input ends with this process, however that ends.
 fn tell_guardian(prefix: &str, folder: &Path) -> BenchResult<()> {
     static INPUT: Mutex<Option<ChildStdin>> = Mutex::new(None);
-    let mut input = INPUT.lock().map_err(|_| "a thread that told the guardian has panicked")?;
+    let mut input = INPUT.lock().map_err(|_| "a thread that informed the guardian has panicked")?;
     if input.is_none() {
         // In a group of its own, because who kills a bench often kills its group.
         let mut command = child_of(&std::env::current_exe()?);

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::Instant;
 
-/// What every bench that shows figures can be told.
+/// The options of every bench that prints measurements.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct Common {
     /// Print one JSON document
@@ -131,7 +131,7 @@ fn become_child() {
 /// The folder of this program.
 ///
 /// # Errors
-/// If the operating system does not tell.
+/// If the operating system does not report it.
 pub fn own_folder() -> BenchResult<PathBuf> {
     Ok(env::current_exe()?.parent().ok_or("this program is in no folder")?.to_owned())
 }

@@ -9,13 +9,13 @@ use std::time::Duration;
 pub struct PathTimes {
     /// Sorted round trips \[ns\] of each round.
     pub rounds: Vec<Vec<u32>>,
-    /// Of these, the ones of undisturbed turns, where turns are told apart.
+    /// Those of undisturbed turns, where turns are distinguished.
     pub undisturbed: Vec<Vec<u32>>,
     /// From the moment at which the sample was due to its answer, where samples are due \[ns\].
     pub from_due: Vec<u32>,
     /// Number of turns.
     pub turns: usize,
-    /// Of these, the disturbed ones.
+    /// The disturbed ones.
     pub disturbed: usize,
     /// Processor time of the service's worker while samples were counted.
     pub worker: Duration,

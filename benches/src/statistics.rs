@@ -164,7 +164,7 @@ mod tests {
     fn a_pooled_ratio_takes_all_turns_together() {
         let lower = vec![(1..=300).collect::<Vec<u32>>(); 8];
         let upper: Vec<Vec<u32>> = (0..8).map(|turn| (1..=300).map(|k| 2 * k + turn % 2).collect()).collect();
-        // A turn alone has three samples beyond p99.
+        // A single turn has three samples beyond p99.
         assert_eq!(ratios(&upper, &lower)["p99"], pooled_ratio(&upper, &lower, 0.99));
         let p99 = &pooled_ratio(&upper, &lower, 0.99);
         let [ratio, low, high] = ["ratio", "low", "high"].map(|name| p99[name].as_f64().unwrap());

@@ -44,7 +44,7 @@ fn print_table(lines: &[Line<'_>]) {
     lines.iter().zip(&rows).for_each(|((name, _), row)| print(name, &mut row.iter().map(String::as_str)));
 }
 
-/// Adds the lines of an object and of what is in it. Of siblings whose names are numbers the lowest is the first.
+/// Adds the lines of an object and of what is in it. If the names of siblings are numbers, the lowest is the first.
 fn collect<'a>(path: &str, object: &'a Map<String, Value>, lines: &mut Vec<Line<'a>>) {
     if !columns(object).is_empty() {
         lines.push((path.to_owned(), object));

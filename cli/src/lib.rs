@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// Compensate accelerometers and gyroscopes for temperature
 ///
-/// Compensates accelerometer pulses for temperature, live over shared memory and offline.
+/// Calibrates IMUs over temperature, and compensates their samples live, over shared memory, or offline.
 #[derive(Debug, Parser)]
 #[command(
     name = "isotherm",
@@ -32,18 +32,18 @@ use std::process::ExitCode;
 struct Cli {
     /// Join the domain of this name
     ///
-    /// The domain: service and clients of different domains never meet.
+    /// A service and clients of different domains never connect to each other.
     ///
-    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    /// Default: the domain that ISOTHERM_DOMAIN names, or "default"
     #[arg(long, global = true, value_name = "NAME")]
     domain: Option<String>,
-    /// Print nothing to stderr but failures
+    /// Print only failures to stderr
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
     /// Print more messages
     ///
-    /// calibrate lists all faults and warnings of refused data then, not the first ten, also those that a diagnosis
-    /// explains
+    /// If data are refused, calibrate then lists all faults and warnings instead of the first ten, and also those that
+    /// a diagnosis explains
     #[arg(short, long, global = true)]
     verbose: bool,
     #[command(subcommand)]

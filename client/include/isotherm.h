@@ -508,8 +508,8 @@ typedef struct isotherm_acquisition isotherm_acquisition;
 typedef struct isotherm_reader isotherm_reader;
 
 /**
- * How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin
- * with `isotherm_options options = {0};`.
+ * How an acquisition reaches the service, and what it reports to it. A field that is 0 or NULL has its default, so
+ * begin with `isotherm_options options = {0};`.
  */
 typedef struct {
     /**
@@ -518,8 +518,8 @@ typedef struct {
      */
     uint64_t size;
     /**
-     * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it
-     * is "default".
+     * Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain,
+     * otherwise it is "default".
      */
     const char *domain;
     /**
@@ -775,8 +775,8 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
  * Adds the next control period to a sample: pulses and intervals are summed, timestamp, temperature and device become
  * the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
  * sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
- * isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
- * `acquisition` may be NULL if both are.
+ * isotherm_cancel: its pointer must not be used any more. Otherwise, it does not change. Either may be a sample of
+ * your own; `acquisition` may be NULL if both are.
  *
  * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
  * in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
@@ -829,7 +829,7 @@ isotherm_code isotherm_keep(isotherm_acquisition *acquisition, isotherm_raw_samp
  * millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
  * isotherm_receive. Without anything kept it does nothing.
  *
- * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was
+ * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the sum that was
  * being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
  */
 isotherm_code isotherm_send_kept(isotherm_acquisition *acquisition);
@@ -967,17 +967,17 @@ isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isother
 isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition, const isotherm_lag *lag);
 
 /**
- * Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
- * saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the
- * readings span three time constants.
+ * Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a restart
+ * without a saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms,
+ * until the readings span three time constants.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_forget_lag(isotherm_acquisition *acquisition);
 
 /**
- * Creates a reader that connects at once if the service is there, and else in a later call, as soon as it is; does not
- * wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+ * Creates a reader that connects at once if the service is there, and otherwise in a later call, as soon as it is;
+ * does not wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
  *
  * If isotherm_reader_is_connected is true then, nothing is missed that is published from now on. If it is false, what
  * is published before the call that connects it is not received. What prevents it from ever connecting is the error of
@@ -1016,8 +1016,8 @@ isotherm_code isotherm_reader_close(isotherm_reader *reader);
 isotherm_code isotherm_reader_receive(isotherm_reader *reader, isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there.
- * For the least delay call isotherm_reader_receive in a loop.
+ * As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service signals that increments are
+ * there. For the least delay call isotherm_reader_receive in a loop.
  */
 isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
                                               uint64_t timeout_ns,
@@ -1105,8 +1105,8 @@ const char *isotherm_version(void);
 uint64_t isotherm_monotonic_ns(void);
 
 /**
- * The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it. Save
- * it with isotherm_save_lag: times of another start are of another clock.
+ * The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not report it.
+ * Save it with isotherm_save_lag: times of another start are of another clock.
  */
 uint64_t isotherm_boot(void);
 

@@ -173,7 +173,7 @@ inline Result<std::optional<CompensatedIncrement>> some(isotherm_code code, cons
 
 }  // namespace detail
 
-/// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
+/// How to reach a service, and what an acquisition reports to it. Readers use domain and time-out.
 struct Options {
     /// The name of its domain. If it is not set, the environment variable ISOTHERM_DOMAIN names the domain, else it is "default".
     std::optional<std::string> domain = std::nullopt;
@@ -416,7 +416,7 @@ public:
 #endif
 
     /// A reader that connects at once if the service is there, and else in a later call; does not wait for it. What is published before it is
-    /// connected, as is_connected() tells, is not received.
+    /// connected, as is_connected() shows, is not received.
     [[nodiscard]] static Result<IncrementReader> unconnected(const std::string &imu, const Options &options = {})
     {
         isotherm_reader *handle = nullptr;
@@ -553,7 +553,7 @@ struct Realtime {
 /// CLOCK_MONOTONIC [ns].
 inline std::uint64_t monotonic_ns() noexcept { return isotherm_monotonic_ns(); }
 
-/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it.
+/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not report it.
 inline std::uint64_t boot() noexcept { return isotherm_boot(); }
 
 /// The version of the library.

@@ -154,7 +154,7 @@ impl Acquisition {
         self.state.is_full() || !self.kept.is_empty()
     }
 
-    /// The lag of the temperatures, for what tells it of them: its readings, or one that was saved.
+    /// The lag of the temperatures, for the functions that inform it of them: its readings, or one that was saved.
     pub fn lag(&mut self) -> LagAccess<'_> {
         let Self { lag, node, domain, imu, .. } = self;
         LagAccess { lag, node: node.as_ref(), domain, imu }
@@ -389,7 +389,7 @@ impl Acquisition {
 
     /// Gives up the ports, and after a removal the membership of the domain. Samples that are unanswered stay.
     fn leave(&mut self, loss: &Loss) {
-        warn(&self.imu, format_args!("cut off from the service: {loss}; joining the streams anew"));
+        warn(&self.imu, format_args!("cut off from the service: {loss}; joining the streams again"));
         self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
         self.ports = None;
         if matches!(loss, Loss::Removed(_)) {
@@ -408,7 +408,7 @@ impl Acquisition {
                 reserve(&self.domain)
             });
             if let Err(error) = reserved {
-                warn(&self.imu, format_args!("joining the streams anew: {error}"));
+                warn(&self.imu, format_args!("joining the streams again: {error}"));
             }
             self.joins += 1;
             self.state.rejoined(now);
@@ -436,7 +436,7 @@ impl Drop for Acquisition {
         let ClosingNote { lost, unanswered } = closing;
         tracing::warn!(imu = %self.imu, lost, unanswered, "the acquisition closes with control periods lost or unanswered");
         if let Err(error) = closing::write(&self.domain, &self.imu, self.session(), closing) {
-            tracing::warn!(imu = %self.imu, "telling the service what was lost: {error}");
+            tracing::warn!(imu = %self.imu, "reporting to the service what was lost: {error}");
         }
     }
 }

@@ -32,7 +32,7 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
-/// The number of the machine's present start, with which `CLOCK_MONOTONIC` began; 0 if the kernel does not tell it.
+/// The number of the machine's present start, with which `CLOCK_MONOTONIC` began; 0 if the kernel does not report it.
 /// Times of another start are of another clock.
 #[must_use]
 pub fn boot() -> u64 {

@@ -1,5 +1,5 @@
-//! What an acquisition had lost when it closed. A file in the domain's folder tells the service, which may be away just
-//! then.
+//! What an acquisition had lost when it closed. A file in the domain's folder informs the service, which may be away
+//! just then.
 
 use crate::clock::unix_s;
 use crate::objects::Note;

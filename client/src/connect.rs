@@ -33,7 +33,7 @@ const RETRY: Duration = Duration::from_millis(5);
 /// killed predecessor needs a second or two between its first stream and its last.
 const UNSERVED_LIMIT: Duration = Duration::from_secs(3);
 
-/// How to reach a service, and what an acquisition tells it. Readers use domain and time-out.
+/// How to reach a service, and what an acquisition reports to it. Readers use domain and time-out.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -78,10 +78,10 @@ impl Options {
     }
 }
 
-/// The domain `name`; without a name the one of `ISOTHERM_DOMAIN`, else `default`.
+/// The domain `name`; without a name the one of `ISOTHERM_DOMAIN`, otherwise `default`.
 ///
 /// Its folder is `$ISOTHERM_ROOT/NAME`. Without that variable it is `/run/isotherm/NAME` if `/run/isotherm` exists,
-/// else `/tmp/isotherm-NAME`.
+/// otherwise `/tmp/isotherm-NAME`.
 ///
 /// ```
 /// use isotherm_client::domain;
@@ -112,7 +112,7 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
 /// As [`join`], but only if a service has used the domain: a client creates nothing in a domain that does not exist.
 ///
 /// # Errors
-/// [`ConnectError::NoService`] besides those of [`join`].
+/// [`ConnectError::NoService`] in addition to those of [`join`].
 pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
     check_domain(domain)?;
     match fs::exists(format!("{}/services", domain.root_path())) {

@@ -96,7 +96,7 @@ pub enum ConnectError {
     /// Any other error of the transport.
     #[error(
         "transport: {phase}: {cause}; {remedy}",
-        remedy = "if it persists, stop all processes of the domain and start the service anew"
+        remedy = "if it persists, stop all processes of the domain and restart the service"
     )]
     Transport {
         /// The operation, for example "opening the streams".

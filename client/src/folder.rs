@@ -22,8 +22,8 @@ const GROUP_MODE: u32 = 0o2770;
 /// Checks that the domain's folder, if it exists, belongs to this process's user, or to a group as the service has made
 /// it. Even root is refused another user's domain.
 ///
-/// A symbolic link is followed only where nobody else could have made it. Who owns the parent folder, or may write it
-/// as a member of its group, is trusted.
+/// A symbolic link is followed only where nobody else could have made it. A user who owns the parent folder, or may
+/// write it as a member of its group, is trusted.
 ///
 /// # Errors
 /// [`ConnectError::Permission`] or [`ConnectError::Foreign`] if not, and [`ConnectError::Transport`] if it is not

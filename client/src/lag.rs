@@ -58,7 +58,7 @@ impl Sensor {
 
 /// A text that is not the name of a sensor.
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0:?} is no sensor; give A1, A2, A3, G1, G2 or G3")]
+#[error("{0:?} is not a sensor; give A1, A2, A3, G1, G2 or G3")]
 pub struct UnknownSensor(String);
 
 impl FromStr for Sensor {
@@ -227,7 +227,7 @@ impl AcquisitionLag {
     }
 
     /// Forgets a reading that was handed over if the first one after it is earlier: it is of another clock, for example
-    /// of the time before the machine was started anew, and tells nothing of the present one.
+    /// of the time before the machine was started anew, and shows nothing of the present one.
     fn check_clock(&mut self, sensor: usize, time_ns: u64) {
         if self.restored & 1 << sensor != 0 {
             self.restored &= !(1 << sensor);

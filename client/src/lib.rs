@@ -38,8 +38,8 @@
 //! }
 //! ```
 //!
-//! * [`Acquisition`] is the one process that sends an IMU's raw samples. Besides the round trip in one call it has
-//!   [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
+//! * [`Acquisition`] is the one process that sends an IMU's raw samples. In addition to the round trip in one call it
+//!   has [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
 //! * [`Acquisition::lag`] takes the temperatures as they are measured. The library keeps its first-order lag,
 //!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
@@ -48,7 +48,7 @@
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are
 //!   there ([`receive_timeout`](IncrementReader::receive_timeout)), or gives a
-//!   [descriptor](IncrementReader::descriptor) to an event loop, and tells whether the service lives
+//!   [descriptor](IncrementReader::descriptor) to an event loop, and shows whether the service lives
 //!   ([`heartbeat_age`](IncrementReader::heartbeat_age)). [`RawReader`] reads the raw samples, for recorders.
 //!
 //! # Guarantees

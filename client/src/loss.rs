@@ -28,7 +28,8 @@ impl fmt::Display for Loss {
         match self {
             Self::Removed(path) => write!(
                 f,
-                "{} was removed under the running processes: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up",
+                "{} was removed under the running processes: by systemd-logind at a logout (RemoveIPC), or by \
+                 another process that cleaned up",
                 shown(path)
             ),
             Self::Taken(path) => write!(f, "another user has made {} first", shown(path)),

@@ -1,8 +1,8 @@
 //! The files of a domain in folders that other users share, such as `/dev/shm`.
 //!
 //! Everybody can compute a domain's prefix and can put a pipe, a link, a device or a huge file of that name there.
-//! Therefore all code of Isotherm that walks such a folder walks it here: nothing is followed, nothing blocks, and only
-//! regular files of this user count.
+//! Therefore, all code of Isotherm that walks such a folder walks it here: nothing is followed, nothing blocks, and
+//! only regular files of this user count.
 
 use crate::error::ConnectError;
 use crate::transport::group;
@@ -159,8 +159,8 @@ pub(crate) fn removed_memory(domain: &Domain) -> Option<String> {
         objects.any(|entry| entry.file_name().as_encoded_bytes().ends_with(memory.as_bytes()))
     };
     memories.any(|memory| !exists(&memory)).then(|| {
-        "its shared memory was removed, by systemd-logind at a logout (RemoveIPC) or by somebody who tidied up /dev/shm; a running service \
-         makes it anew within some seconds"
+        "its shared memory was removed, by systemd-logind at a logout (RemoveIPC) or by another process that cleaned \
+         up /dev/shm; a running service creates it again within some seconds"
             .to_owned()
     })
 }
@@ -175,8 +175,8 @@ fn memory_name(stream: &Path) -> Option<String> {
     Some(format!("_{number}.dynamic"))
 }
 
-/// A small file in the folder of a domain, which outlives the processes of the domain: by it one process tells another
-/// that may be away.
+/// A small file in the folder of a domain, which outlives the processes of the domain: by it one process informs
+/// another that may be away.
 #[derive(Clone, Debug)]
 pub struct Note {
     folder: PathBuf,
@@ -264,7 +264,7 @@ impl Note {
 /// the transport's creation time-out. `unfinished` lists the files that are not complete now.
 ///
 /// Waits until each younger file is complete or has this age, two seconds at most. A time in the future, as after the
-/// clock was set back, tells no age: such a file may be one that is just being created, so it is removed when it has
+/// clock was set back, shows no age: such a file may be one that is just being created, so it is removed when it has
 /// been watched for as long.
 ///
 /// # Errors

@@ -95,7 +95,7 @@ pub fn service_pid(status: &ServiceStatus) -> String {
     format!("pid {pid}{}", if is_elsewhere { " of another pid namespace" } else { "" })
 }
 
-/// The number of this process's pid namespace; 0 if the kernel does not tell it.
+/// The number of this process's pid namespace; 0 if the kernel does not report it.
 #[must_use]
 pub fn pid_namespace() -> u64 {
     fs::metadata("/proc/self/ns/pid").map_or(0, |namespace| namespace.ino())

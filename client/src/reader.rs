@@ -93,8 +93,8 @@ pub struct Reader<T: Payload> {
 }
 
 impl<T: Payload> Reader<T> {
-    /// A reader that connects at once if the service is there, and else in a later call, as soon as it is; it never
-    /// waits (the time-out of `options` is not used).
+    /// A reader that connects at once if the service is there, and otherwise in a later call, as soon as it is; it
+    /// never waits (the time-out of `options` is not used).
     ///
     /// Where [`is_connected`](Self::is_connected) is true after this, nothing is missed that is published from now on.
     /// Where it is false, what is published before the call that connects it is not received: the first sample or
@@ -225,8 +225,8 @@ impl<T: Payload> Reader<T> {
     }
 
     /// As [`receive`](Self::receive), but waits up to `timeout`. It sleeps until the service notifies that increments
-    /// are there. Where no event tells it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For the
-    /// least delay call `receive` in a loop.
+    /// are there. Where no event signals it, for raw samples and in the domain of a relay, it polls every 0.2 ms. For
+    /// the least delay call `receive` in a loop.
     ///
     /// # Errors
     /// As [`receive`](Self::receive).
@@ -289,7 +289,7 @@ impl<T: Payload> Reader<T> {
         let ports = [subscriber.id().value()];
         let removed = removed_object(&self.domain).map(Loss::Removed);
         let Some(loss) = removed.or_else(|| taken_connection(&self.domain, &ports).map(Loss::Taken)) else { return };
-        warn(&self.imu, format_args!("a reader is cut off from the service: {loss}; joining the stream anew"));
+        warn(&self.imu, format_args!("a reader is cut off from the service: {loss}; joining the stream again"));
         (self.status, self.arrival, self.subscriber) = (None, None, None);
         if matches!(loss, Loss::Removed(_)) {
             self.node = None;
@@ -396,7 +396,7 @@ impl Reader<CompensatedIncrement> {
     /// Wait for at most some 100 ms at once, and call `receive` after that too: a notification can be lost.
     ///
     /// # Errors
-    /// [`ConnectError::NoService`] while the reader is not connected, and where no event tells of increments, as in the
+    /// [`ConnectError::NoService`] while the reader is not connected, and where no event signals increments, as in the
     /// domain of a relay; if the process cannot wait.
     pub fn descriptor(&mut self) -> Result<BorrowedFd<'_>, ConnectError> {
         self.listen()?;

@@ -100,7 +100,7 @@ impl Realtime {
 
 impl Realtime {
     /// What [`apply`](Self::apply) would refuse in this process, setting by setting. Nothing changes: a thread of its
-    /// own, which ends at once, tries what belongs to a thread; whether memory may be locked is told from the process's
+    /// own, which ends at once, tries what belongs to a thread; whether memory may be locked follows from the process's
     /// capabilities and limit.
     #[must_use]
     pub fn refusals(&self) -> Vec<RealtimeError> {
@@ -200,7 +200,7 @@ fn touch_down_to(end: usize) {
     black_box(&frame);
 }
 
-/// Addresses of the calling thread's stack, without its guard. `None` if the system does not tell them.
+/// Addresses of the calling thread's stack, without its guard. `None` if the system does not report them.
 fn own_stack() -> Option<Range<usize>> {
     let mut attributes = MaybeUninit::<libc::pthread_attr_t>::uninit();
     // SAFETY: the calling thread, and a place for its attributes, which is initialized if the result is 0.

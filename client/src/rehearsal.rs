@@ -1,9 +1,10 @@
 //! Rehearsals: going through the motions of a sample before it comes, so that its way is in the caches.
 //!
 //! An IMU sends every few milliseconds. In between, other work takes the caches, and a sample then finds instructions
-//! and data of its way cold: that is most of its latency. So whoever waits for a sample rehearses. A rehearsal sends a
-//! sample through ports of its own, over a stream in which no other process has a port, and runs the same functions as
-//! a real sample: an acquisition and the worker have no other way to the transport than those of [`Payload`].
+//! and data of its way cold: that is most of its latency. So a process that waits for a sample rehearses. A rehearsal
+//! sends a sample through ports of its own, over a stream in which no other process has a port, and runs the same
+//! functions as a real sample: an acquisition and the worker have no other way to the transport than those of
+//! [`Payload`].
 //!
 //! A rehearsal has no effect that a peer can see. [`Rehearsal`] holds its ports and gives none of them away, so no
 //! rehearsed sample can get into a real stream.

@@ -1,4 +1,4 @@
-//! Unix time (`CLOCK_REALTIME`) beside `CLOCK_MONOTONIC`: the offset between them, and its steps.
+//! Unix time (`CLOCK_REALTIME`) next to `CLOCK_MONOTONIC`: the offset between them, and its steps.
 //!
 //! # Measurement
 //! The monotonic clock is read before and after the other one. With the readings m, u, M the offset u - m lies between

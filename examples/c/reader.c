@@ -1,5 +1,5 @@
 /*
- * A reader, such as navigation or a logger: prints the increments of an IMU as they are published, beside its acquisition.
+ * A reader, such as navigation or a logger: prints the increments of an IMU as they are published, next to its acquisition.
  *
  *     reader IMU [COUNT]
  *

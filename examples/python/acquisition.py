@@ -1,4 +1,4 @@
-"""An acquisition process: sends raw samples, gets increments. Run it beside `isotherm serve --imu imu-a=tests/data/imu-a.toml`."""
+"""An acquisition process: sends raw samples, gets increments. Run it next to `isotherm serve --imu imu-a=tests/data/imu-a.toml`."""
 
 import argparse
 import json

@@ -56,7 +56,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaigns", nargs="+", metavar="CAMPAIGN.toml", help="campaign files, one for each IMU; they name their samples")
     parser.add_argument("-o", "--output", type=Path, default=Path(), help="folder of the tables, the reports and fleet.csv")
-    parser.add_argument("--verify", metavar="FILE.csv", help="a recording beside each campaign file that judges its table")
+    parser.add_argument("--verify", metavar="FILE.csv", help="a recording next to each campaign file that judges its table")
     parser.add_argument("--require", default="factor=10", help="what --verify requires, as `isotherm verify --require` [default: %(default)s]")
     parser.add_argument("--workers", type=int, help="processes on this machine [default: one for each processor]")
     parser.add_argument("--scheduler", help="address of a running Dask scheduler; without one, workers start on this machine")

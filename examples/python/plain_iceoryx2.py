@@ -86,7 +86,7 @@ def main() -> None:
     arguments.add_argument("--imu", default="imu-a")
     arguments.add_argument("--serial", default="", help="serial number of the device")
     arguments.add_argument("--count", type=int, default=10)
-    arguments.add_argument("--isotherm", default="isotherm", help="the program, which tells where the domain is")
+    arguments.add_argument("--isotherm", default="isotherm", help="the program, which shows where the domain is")
     options = arguments.parse_args()
     node = join(options.isotherm)
 

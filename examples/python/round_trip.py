@@ -1,4 +1,4 @@
-"""Measures round trips beside `isotherm serve`: from Python, and in one call whose loop is in Rust, in alternating blocks of one run."""
+"""Measures round trips next to `isotherm serve`: from Python, and in one call whose loop is in Rust, in alternating blocks of one run."""
 
 import argparse
 import gc

@@ -57,7 +57,8 @@ fn gone() -> PyErr {
 
 /// The one acquisition process of an IMU. Only the thread that created it may use it.
 ///
-/// Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
+/// Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, otherwise
+/// "default").
 ///
 /// `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
 /// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
@@ -250,8 +251,8 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
-    /// kept state.
+    /// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
+    /// restart without a kept state.
     ///
     /// Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
     /// constants.

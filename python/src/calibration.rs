@@ -103,7 +103,7 @@ pub(crate) struct Options {
     place: Option<[f64; 2]>,
     foreign: ForeignOptions,
     part: PartOptions,
-    /// Reference temperature, and autopilots whose cubics are shown beside: at one attitude.
+    /// Reference temperature, and autopilots whose cubics are shown for comparison: at one attitude.
     at: Option<f64>,
     beside: Vec<String>,
 }
@@ -151,7 +151,7 @@ pub(crate) fn calibrate_campaign(
         return Err(PyValueError::new_err(message));
     }
     if recordings.is_some() && campaign.has_ramps_alone() {
-        return Err(PyValueError::new_err("samples: positions need them, and ramps alone have none"));
+        return Err(PyValueError::new_err("samples: positions need them, and only ramps have none"));
     }
     let options = options.checked()?;
     let given = recordings.is_some();

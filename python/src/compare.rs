@@ -33,7 +33,7 @@ pub struct Comparison(Differences, (Named, bool));
 #[pyclass(frozen, eq, hash, module = "isotherm")]
 pub struct Batch(Statistics, Named);
 
-/// The name of each table in messages, and its text. Of these a result is made anew: it takes no fit.
+/// The name of each table in messages, and its text. From these a result is made again: it takes no fit.
 type Named = Vec<(String, String)>;
 
 /// The tables with their names, as the library takes them.

@@ -44,8 +44,8 @@ pub(crate) fn part_of((start, end): PartOptions) -> PyResult<Part> {
     part.map_err(|message| PyValueError::new_err(format!("start is not before end: {message}")))
 }
 
-/// Topics of both sensors, of gyroscopes alone and of temperatures, the file of the gyroscopes, and where the times
-/// come from.
+/// Topics of both sensors, of only gyroscopes and of temperatures, the file of the gyroscopes, and where the times come
+/// from.
 pub(crate) type OriginOptions = (Option<String>, Option<String>, Option<String>, Option<PathBuf>, String);
 
 /// Where foreign data come from.

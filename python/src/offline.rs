@@ -273,7 +273,7 @@ impl Stability {
         self.figures.specific_force.into()
     }
 
-    /// Whether the attitude was given; else it is the median of the output.
+    /// Whether the attitude was given; otherwise it is the median of the output.
     #[getter]
     fn stated(&self) -> bool {
         self.figures.stated
@@ -286,14 +286,14 @@ impl Stability {
     }
 
     /// Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left
-    /// out. Else None.
+    /// out. Otherwise, None.
     #[getter]
     fn warning(&self) -> Option<String> {
         self.figures.nothing_claimed().map(|message| in_python(&message))
     }
 
-    /// Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has
-    /// the counts.
+    /// Where time is lost without a hole in `sequence`, or the intervals are wrong; otherwise None. `verdict["losses"]`
+    /// has the counts.
     #[getter]
     fn time_warning(&self) -> Option<String> {
         self.figures.time_fault.map(|fault| fault.to_string())

@@ -95,7 +95,7 @@ pub(crate) fn export_vehicle(
     Ok(Exported::new(&isotherm_autopilot::vehicle(autopilot, &all)))
 }
 
-/// The parameters of a table, for the instance and the device numbers that are given, or else those of the log that
+/// The parameters of a table, for the instance and the device numbers that are given, otherwise those of the log that
 /// made it.
 fn exported(
     table: &Table,
@@ -189,7 +189,7 @@ impl Exported {
         self.difference
     }
 
-    /// What you should know besides.
+    /// What you should also know.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.notes.clone()

@@ -18,7 +18,7 @@ const LOOK: Duration = Duration::from_millis(10);
 /// Reads the increments of one IMU as they are published. Only the thread that created it may use it.
 ///
 /// Waits up to `timeout` seconds for the service. With None it does not wait: it connects at once if the service is
-/// there, and else in a later call. What is published before it is `connected` is not received.
+/// there, and otherwise in a later call. What is published before it is `connected` is not received.
 ///
 /// >>> with isotherm.IncrementReader("imu-a") as reader, isotherm.Acquisition("imu-a") as acquisition:
 /// ...     sent = acquisition.run(isotherm.read_recording("run.csv")[:3])

@@ -139,7 +139,7 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>
 }
 
 /// Writes increments of `imu` in the format that the name of the file says: as text as `replay` does, or with
-/// `delivery` as `feed --delivery` does, else as `record` does.
+/// `delivery` as `feed --delivery` does, otherwise as `record` does.
 #[pyfunction]
 pub(crate) fn write_increments(
     py: Python<'_>,

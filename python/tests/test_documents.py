@@ -256,7 +256,7 @@ def test_fleet(tmp_path: Path) -> None:
 
 
 def test_fleet_without_statistics(tmp_path: Path) -> None:
-    """Tables that are no batch are kept, and the reason is told."""
+    """Tables that are no batch are kept, and the reason is reported."""
     for name, unit in (("imu-1", "V"), ("imu-2", "other")):
         shutil.copytree(CAMPAIGN.parent, tmp_path / name)
         file = tmp_path / name / "campaign.toml"

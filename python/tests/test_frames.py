@@ -327,7 +327,7 @@ def test_a_recording_is_written_in_the_format_of_its_name(tmp_path: Path) -> Non
         for write in (lambda path: isotherm.write_recording(path, samples), lambda path: isotherm.write_increments(path, increments)):
             with pytest.raises(ValueError, match=r"name the recording \.csv, \.parquet or \.mcap"):
                 write(tmp_path / name)
-    with pytest.raises(ValueError, match="no valid name"):
+    with pytest.raises(ValueError, match="not a valid name"):
         isotherm.write_recording(tmp_path / "x.parquet", samples, imu="no name")
     assert not list(tmp_path.glob("*.txt")) and not (tmp_path / "x.parquet").exists()
 

@@ -40,7 +40,7 @@ def test_deviations_are_those_of_allantools() -> None:
 
 
 def test_degrees_of_freedom_are_those_of_greenhall_and_riley() -> None:
-    # Of white noise, from m = 64 on. The model of white noise alone has the other coefficients at 0, or nearly so.
+    # Of white noise, from m = 64 on. The model of only white noise has the other coefficients at 0, or nearly so.
     rows = 32_768
     found = isotherm.noise(np.random.default_rng(5).normal(size=rows), interval=1.0)
     coefficients = {it["letter"]: it for it in found["model"]["coefficients"]}
@@ -78,7 +78,7 @@ def test_a_recording_is_the_document_of_the_command(night: Path, tmp_path: Path)
     # A data frame, without a table.
     counts = isotherm.noise(pd.read_csv(night / "run.csv"))
     assert counts["sensors"][0]["unit"] == "pulse/s" and counts["rows"] == len(samples)
-    # The rates alone have the same curve.
+    # Only the rates have the same curve.
     net = samples["accelerometers"]["positive_pulses"][:, 0].astype(float) - samples["accelerometers"]["negative_pulses"][:, 0]
     alone = isotherm.noise(net / 0.1, interval=0.1, temperature=samples["accelerometers"]["head_temperature"][:, 0])
     assert np.allclose(alone["adev_in_unit"], counts["sensors"][0]["adev_in_unit"], rtol=1e-9)

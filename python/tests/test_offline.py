@@ -188,7 +188,7 @@ def test_a_whole_imu_in_arrays_files_and_frames(whole_table: isotherm.Table, who
     assert (isotherm.replay(whole_table, full) != right).all()
     result = isotherm.replay(whole_table, frame)
     assert result["g3_da"].tolist() == isotherm.replay(whole_table, full)["angle_increment"][:, 2].tolist()
-    # Columns that belong together, and the number of the device, which is no number in a frame.
+    # Columns that belong together, and the number of the device, which is not a number in a frame.
     for column in ("g2_head", "lag_ns", "a1_head_lagged", "g3_head_lagged"):
         with pytest.raises(ValueError, match=f"missing columns: {column};"):
             isotherm.replay(whole_table, frame.drop(columns=column))
@@ -630,7 +630,7 @@ def test_the_verdict_is_that_of_the_command(still: Path) -> None:
     assert bare.gravity_local is None and unknown.verdict["length"] is None
     assert [axis["constant_g0"] for axis in unknown.verdict["axes"]] == [None] * 3
     assert [met for _, met, _ in unknown.judge("bias=1g0,scale=1%,level=1deg,factor=2")] == [True, False, False, False]
-    # With the attitude alone the level is judged.
+    # With only the attitude, the level is judged.
     level = isotherm.verify(bare, samples, attitude=ATTITUDE)
     assert [met for _, met, _ in level.judge("bias=1g0,scale=1%,level=1deg")] == [False, False, True]
     assert "without local gravity only variation and level" in level.verdict["not_judged"]

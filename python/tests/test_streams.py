@@ -183,7 +183,7 @@ def test_the_lag_and_its_state(domain: DomainUnderTest, whole: isotherm.Records)
         assert acquisition.lag_state() == [None] * 6
         acquisition.restore_lag(json.loads(json.dumps(state)))
         assert acquisition.lag_state() == state
-        # As it was kept before it told the start of the machine.
+        # As it was kept before it had the start of the machine.
         acquisition.restore_lag([reading and reading[:4] for reading in state])
         assert acquisition.lag_state() == state
         # Of the time before the machine was started anew.
@@ -272,7 +272,7 @@ def test_a_killed_process_hands_its_lag_over(domain: DomainUnderTest, whole_tabl
 
 
 def test_a_killed_process_that_hands_nothing_over(domain: DomainUnderTest, whole: isotherm.Records) -> None:
-    """It is flagged for three time constants, or begins soaked, as it is told."""
+    """It is flagged for three time constants, or begins soaked, as requested."""
     text = WHOLE_TABLE.read_text().replace("time_constant_s = 240.0", "time_constant_s = 1.0")
     table = domain.folder / "imu-g.toml"
     table.write_text(text)
@@ -544,7 +544,7 @@ def test_a_reader_waits_with_a_selector_and_knows_whether_the_service_lives(
         told: list[int] = []
 
         def is_told() -> bool:
-            """Whether the service tells of an increment; it does from when it has seen that somebody waits."""
+            """Whether the service signals an increment; it does from when it has seen that somebody waits."""
             loan = acquisition.loan()
             fill(loan, recorded[0])
             acquisition.compensate(loan, TIMEOUT)
@@ -581,7 +581,7 @@ def test_the_exception_says_why_connecting_failed(domain: DomainUnderTest) -> No
             connect("imu-z", timeout=0.1)
         with pytest.raises(isotherm.NoService):
             connect("imu-a", domain="elsewhere", timeout=0.1)
-        with pytest.raises(ValueError, match="no valid name"):
+        with pytest.raises(ValueError, match="not a valid name"):
             connect("IMU A")
         with pytest.raises(ValueError, match="domain"):
             connect("imu-a", domain="a/b")

@@ -52,7 +52,7 @@ def test_all_imus_of_a_log_get_the_tables_of_the_command(tmp_path: Path) -> None
     # A table knows its place.
     assert isotherm.export_parameters(vehicle[1].table, to="ardupilot").text.startswith("INS_TCAL2_ENABLE 1\n")
     assert f"TC_A1_ID\t{DEVICES[1]}\t6" in isotherm.export_parameters(vehicle[1].table, to="px4").text
-    # One alone is as before: a log with several needs its number.
+    # A single one is as before: a log with several needs its number.
     with pytest.raises(ValueError, match="several IMUs"):
         isotherm.calibrate_warm_up(path, "my-drone", order=1, lag="none")
     alone = isotherm.calibrate_warm_up(path, "my-drone-1", order=1, lag="none", instance=1)

@@ -12,7 +12,7 @@
 //! some rows, lost time for good. Rows are taken in blocks of 25, and the least excess of a block stands for it: one
 //! step is late by at most ten intervals, so one row of a block is on time. Blocks that begin up to 1000 rows apart are
 //! compared. A gap, a new session, a row without a timestamp or with an interval that cannot be (0, over an hour)
-//! begins anew, and so does an interval that stands alone: time went on as before.
+//! begins anew, and so does an isolated interval: time went on as before.
 
 use crate::interval::{IntervalFault, Intervals};
 use crate::nominal::not_nominal;
@@ -188,7 +188,7 @@ impl Continuity {
         self.overlap.or_else(|| self.span.of_all())
     }
 
-    /// Whether the timestamp goes on as before, and the interval alone is another.
+    /// Whether the timestamp goes on as before, and only the interval is another.
     fn is_odd(&mut self, row: Period, excess_ns: Option<i128>) -> bool {
         let Some(excess_ns) = excess_ns else { return false };
         let step_ns = excess_ns + i128::from(row.interval_ns);
@@ -227,7 +227,7 @@ impl Continuity {
         not_nominal(table.nominal_ns(), self.intervals.usual_ns()?)
     }
 
-    /// What is to be said of the rows: intervals that are not the time from row to row, a fault; or else lost time, a
+    /// What is to be said of the rows: intervals that are not the time from row to row, a fault; otherwise lost time, a
     /// warning. Then rows that are missing, if they are over this share of all.
     ///
     /// ```
@@ -411,7 +411,7 @@ mod tests {
     fn read(rows: &[Period]) -> Continuity {
         let mut continuity = Continuity::default();
         let faults = rows.iter().filter(|row| continuity.add(**row)).count();
-        assert_eq!(faults, usize::from(continuity.fault().is_some()), "the first fault is told once");
+        assert_eq!(faults, usize::from(continuity.fault().is_some()), "the first fault is reported once");
         continuity
     }
 

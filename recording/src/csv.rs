@@ -124,7 +124,7 @@ impl<R: Read> Rows<R> {
             }
             if self.text.len() as u64 == MAX_LINE {
                 return Err(
-                    self.error(format!("over {MAX_LINE} bytes without a line end; this is no table of numbers"))
+                    self.error(format!("over {MAX_LINE} bytes without a line end; this is not a table of numbers"))
                 );
             }
             if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
@@ -217,7 +217,7 @@ impl<R: Read> Rows<R> {
     }
 
     /// Chooses the separator by the header, which must be the current row: the first with which `has_columns` is true
-    /// of the names, or else the one that gives the most columns. Without this, commas separate.
+    /// of the names, otherwise the one that gives the most columns. Without this, commas separate.
     ///
     /// # Errors
     /// If a quotation mark is not closed.
@@ -503,7 +503,7 @@ fn digits(field: &[u8]) -> Option<(usize, u64, usize)> {
 }
 
 /// Splits a plain decimal (at most one minus sign, at most one decimal mark, up to 18 digits): 1 if it is negative,
-/// else 0; its digits as one integer; the number of digits after the mark. `None` for any other field, which the
+/// otherwise 0; its digits as one integer; the number of digits after the mark. `None` for any other field, which the
 /// standard library then parses.
 #[inline]
 #[must_use]

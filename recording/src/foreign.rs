@@ -61,7 +61,7 @@ pub struct Units {
     pub devices: [Option<u32>; 2],
 }
 
-/// What a column of the time can roll over at, besides 2^32 us and 2^32 ms.
+/// What a column of the time can roll over at, in addition to 2^32 us and 2^32 ms.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum Counter {
     /// Nothing else.
@@ -193,7 +193,7 @@ pub fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64
     ))
 }
 
-/// Tells that the temperature is a placeholder, if it is not given.
+/// Reports that the temperature is a placeholder, if it is not given.
 #[must_use]
 pub fn placeholder(temperature: Option<f64>) -> Option<Finding> {
     let warning = || {

@@ -17,7 +17,7 @@ pub const ANGLE_CSV_COLUMNS: [&str; AXES] = {
     [g1.name, g2.name, g3.name]
 };
 
-/// Which columns increments in CSV have besides [`CSV_COLUMNS`].
+/// Which columns increments in CSV have in addition to [`CSV_COLUMNS`].
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct IncrementLayout {
     /// Those of the angle increments.

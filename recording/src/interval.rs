@@ -17,7 +17,7 @@ const UNIT_TOLERANCE: f64 = 0.01;
 const BLOCK: u32 = 1050;
 /// With fewer blocks the two figures must agree within a factor of two.
 const MANY_BLOCKS: usize = 10;
-/// Where the middle half of the steps lies within this part of their median, pauses alone are in the second figure.
+/// Where the middle half of the steps lies within this part of their median, only pauses are in the second number.
 const REGULAR: f64 = 0.1;
 /// Fewest steps that are judged.
 const LEAST_STEPS: u32 = 9;
@@ -237,10 +237,10 @@ mod tests {
         }
         // A clock that is set right every seven rows.
         assert_eq!(fault((0..400).map(|i| if i % 7 == 6 { 8_800_000 } else { 10_200_000 }), 10_000_000), None);
-        // A wrong one is found beside pauses, ..
+        // A wrong one is found next to pauses, and more.
         let paused = fault((0..400).map(|i| if i % 80 == 79 { 10_000 * MS } else { 10 * MS }), 12_000_000);
         assert!(paused.is_some_and(|found| (found.ratio - 1.2).abs() < 1e-9), "{paused:?}");
-        // .. and bursts.
+        // … and bursts.
         assert!(fault((1..=30_000).map(bursts(10)), 10_300_000).is_some_and(|found| (found.ratio - 1.03).abs() < 1e-3));
         assert!(fault((0..9).map(|_| 10 * MS), 1).is_some() && fault((0..8).map(|_| 10 * MS), 1).is_none());
     }

@@ -5,8 +5,8 @@ use isotherm_shared::wire::device;
 
 /// An IMU as the log of an autopilot names it.
 ///
-/// A device number is made of bus, address and type. It is the same on all boards of a model, so that it never tells
-/// one board from another; it tells the IMUs of one board apart.
+/// A device number is made of bus, address and type. It is the same on all boards of a model, so that it never
+/// distinguishes one board from another; it distinguishes the IMUs of one board.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct LogImu {
     /// Its number in the log, from 0.

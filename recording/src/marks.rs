@@ -16,7 +16,7 @@ const MARKS: usize = 24;
 const VARIED: usize = 8;
 /// Marks in common that no chance gives.
 const COMMON: usize = 2;
-/// Rows in turn that are the same in two recordings, at most ..
+/// Rows in turn that are the same in two recordings, at most …
 const ROWS: usize = 1000;
 /// Base of the polynomial over the hashes of the rows.
 const BASE: u64 = 0x9e37_79b9_7f4a_7c15;
@@ -46,7 +46,7 @@ pub struct Marks {
 /// The last rows of a recording.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Window {
-    /// Hashes of each row, and of its pulses alone.
+    /// Hashes of each row, and of only its pulses.
     rows: VecDeque<[u64; 2]>,
     hash: u64,
     /// How often each reading is in the window.

@@ -113,7 +113,7 @@ mod tests {
         assert!(!overlap(5000, INTERVAL, |n| n as f64 + (n * 7919 % 101) as f64 / 101.0));
         assert!(!overlap(5000, INTERVAL, |n| (n / 10 * 10 + 10) as f64));
         assert!(!overlap(5000, INTERVAL, |n| n as f64 * 0.995));
-        assert!(!overlap(2, INTERVAL, |n| n as f64 * 1e-3), "one step tells nothing");
+        assert!(!overlap(2, INTERVAL, |n| n as f64 * 1e-3), "one step shows nothing");
     }
 
     #[test]

@@ -11,7 +11,7 @@ const SAME_RATE: u64 = 4;
 
 /// Rule for the raw samples of a recording, in every format and over all its pieces: within a session the sequence
 /// [`rises`], as an acquisition sends it. A piece without sessions that begins its sequences anew goes on where its
-/// time does; else it is a session of its own, if its rows may be.
+/// time does; otherwise it is a session of its own, if its rows may be.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SequenceRule {
     /// The last sample.
@@ -21,7 +21,7 @@ pub struct SequenceRule {
     first: Option<RawSample>,
     /// The number of a piece whose first sample has not come.
     piece: Option<u64>,
-    /// What is added to the sequences of the piece, which goes on with the session of the piece before; 0 else.
+    /// What is added to the sequences of the piece, which goes on with the session of the piece before; otherwise 0.
     added: u64,
     /// The highest session so far.
     highest: u64,
@@ -29,7 +29,7 @@ pub struct SequenceRule {
 
 impl SequenceRule {
     /// Begins a piece. If its samples name no session, and their sequences begin anew, they go on with the session of
-    /// the piece before where the time does ([`goes_on`]), and else are the session with this number. A piece that
+    /// the piece before where the time does ([`goes_on`]), and otherwise are the session with this number. A piece that
     /// overlaps another one does neither, nor does its copy.
     pub const fn begin_piece(&mut self, number: u64) {
         self.piece = Some(number);

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{self, Read};
 use std::sync::Arc;
 
-/// Who watches the reading of data.
+/// Watches the reading of data.
 pub trait Observer: Send + Sync {
     /// So many bytes more were read.
     fn advance(&self, _bytes: u64) {}
@@ -19,12 +19,12 @@ pub trait Observer: Send + Sync {
     fn warn(&self, _message: &str) {}
 }
 
-/// Tells an [`Observer`] of the reading; by default nobody.
+/// Informs an [`Observer`] of the reading; by default nobody.
 #[derive(Clone, Default)]
 pub struct Progress(Option<Arc<dyn Observer>>);
 
 impl Progress {
-    /// Tells this observer.
+    /// Informs this observer.
     pub fn new(observer: impl Observer + 'static) -> Self {
         Self(Some(Arc::new(observer)))
     }

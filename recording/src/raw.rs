@@ -163,7 +163,7 @@ impl RawColumns {
 }
 
 /// Writes raw samples as CSV. Floats have the shortest form that reads back as the same double. Sessions are written by
-/// [`of_sessions`](RawCsvWriter::of_sessions) alone.
+/// [`of_sessions`](RawCsvWriter::of_sessions) only.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -10,12 +10,12 @@ use isotherm_service::logging::LogFormat;
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
-/// Shows compensated IMUs in ROS 2, and makes IMUs of drivers' topics
+/// Publish compensated IMUs in ROS 2
 ///
-/// Each IMU is sensor_msgs/Imu on /IMU/imu/data_raw, with - as _, and its temperature on /IMU/imu/temperature; what the
-/// service's status says goes to /diagnostics. A service that is not there is waited for. ROS_DOMAIN_ID,
-/// ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_LOCALHOST_ONLY count unless the description says otherwise. Ends on SIGTERM
-/// and SIGINT.
+/// Each IMU is published as sensor_msgs/Imu on /IMU/imu/data_raw, with - written as _, and its temperature on
+/// /IMU/imu/temperature. The status of the service is published on /diagnostics. The node can also acquire the topics
+/// of drivers as samples of IMUs. It waits if no service is running. ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE and
+/// ROS_LOCALHOST_ONLY apply unless the description overrides them. Ends on SIGTERM and SIGINT.
 #[derive(Debug, Parser)]
 #[command(
     name = "isotherm-ros2",
@@ -27,26 +27,26 @@ use std::path::{Path, PathBuf};
   isotherm check node.toml"
 )]
 pub struct NodeArguments {
-    /// The description of the node
+    /// Read this description of the node
     #[arg(value_name = "NODE.toml", required_unless_present = "imus")]
     pub description: Option<PathBuf>,
-    /// Publish this IMU, without more
+    /// Publish this IMU with default settings
     ///
-    /// May be given several times; takes the place of a description
+    /// Can be repeated. Takes the place of a description
     #[arg(long = "imu", value_name = "ID", conflicts_with = "description")]
     imus: Vec<ImuId>,
-    /// Write the nominal table of the driver's IMU, and end
+    /// Write the nominal table and end
     ///
-    /// Write the nominal table of the IMU that the description makes of a driver's topic, whose increments are the
-    /// driver's readings, and end
+    /// The table is for the IMU that the description makes of a driver's topic. With it, the increments are the
+    /// readings of the driver
     #[arg(long, value_name = "TABLE", requires = "description")]
     pub nominal: Option<PathBuf>,
-    /// The domain of the service
+    /// Join this domain of the service
     ///
-    /// The one that ISOTHERM_DOMAIN names, or "default", unless given. That of ROS 2 is ROS_DOMAIN_ID
+    /// Default: the domain that ISOTHERM_DOMAIN names, or "default". ROS 2 has a domain of its own: ROS_DOMAIN_ID
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Log lines for people or for machines
+    /// Choose the format of log lines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     pub log_format: LogFormat,
 }

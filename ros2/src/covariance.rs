@@ -5,7 +5,7 @@
 //! ```text
 //! var = N^2/T + s^2
 //! ```
-//! The first is new in each value, the second the same in all of them; a covariance cannot tell them apart. The errors
+//! The first is new in each value, the second the same in all of them; a covariance cannot distinguish them. The errors
 //! of scale factors, which grow with the motion, are not in it.
 
 use isotherm_fit::TableFile;
@@ -43,7 +43,7 @@ impl NoiseDensities {
             let value = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
             let number = value.split('#').next().unwrap_or_default().trim();
             let right = number.parse::<f64>().ok().filter(|density| density.is_finite() && *density > 0.0);
-            Some(right.ok_or_else(|| format!("{key}: {number:?} is no positive number")))
+            Some(right.ok_or_else(|| format!("{key}: {number:?} is not a positive number")))
         };
         let noise =
             Self { accelerometer: of(ACCELEROMETER_KEY).transpose()?, gyroscope: of(GYROSCOPE_KEY).transpose()? };

@@ -257,8 +257,8 @@ fn rotation(section: &Section<'_, '_>) -> Option<[[f64; 3]; 3]> {
         (0..3).all(|other| of(other).abs() <= ORTHOGONAL)
     });
     let is_right = is_orthogonal && determinant > 0.0;
-    let message = "is no rotation: its rows must be of length 1, at right angles, and right-handed; give more digits, \
-                   or another sign";
+    let message = "is not a rotation: its rows must be of length 1, at right angles, and right-handed; give more \
+                   digits, or another sign";
     section.fault_if(!is_right, "rotation", message);
     is_right.then_some(rows)
 }
@@ -279,7 +279,7 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
     let missing = "missing; give the topic of sensor_msgs/Temperature, or temperature_c = 25.0 for a driver without \
                    one, whose increments are then those of one temperature";
     section.fault_if(sources == 0, "temperature_topic", missing);
-    section.fault_if(sources == 2, "temperature_c", "is there beside temperature_topic; leave one out");
+    section.fault_if(sources == 2, "temperature_c", "is given in addition to temperature_topic; leave one out");
     let frame = section.optional_string("frame").map(str::to_owned);
     let interval = section.number("interval_s", "the nominal interval of two messages in s").map(|s| s * 1e9);
     let right = interval.filter(|ns| (1e3..=3.6e12).contains(ns));
@@ -441,7 +441,7 @@ mod tests {
         let found = faults(text);
         for part in [
             "ros2.name",
-            "rotation: is no rotation",
+            "rotation: is not a rotation",
             "publish.1.frames: unknown key",
             "topic: does not begin",
             "interval_s",

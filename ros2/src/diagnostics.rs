@@ -166,7 +166,7 @@ fn of_samples(found: &mut Findings, status: &ImuStatus, before: Option<&ImuStatu
     for (flag, count) in status.flagged.iter().filter(|(_, count)| **count > 0) {
         found.value(&format!("flag {flag}"), count);
         let new = new(*count, before.and_then(|before| before.flagged.get(flag).copied()));
-        // A gap was told as what is missing.
+        // A gap was reported as missing samples.
         if new > 0 && flag != "gap" {
             found.find(DiagnosticLevel::Warn, format!("{new} increments flagged {flag}"));
         }

@@ -16,7 +16,7 @@ const NEAR_NS: i64 = 1_000_000_000;
 pub struct InputCounts {
     /// Messages of readings that came.
     pub messages: u64,
-    /// Of another frame than the described one: not taken.
+    /// The frame is not the described one: not taken.
     pub other_frame: u64,
     /// With a stamp that cannot be: not taken.
     pub absurd_stamp: u64,

@@ -1,4 +1,4 @@
-//! What a node is to reach in the network: what its description says, else the variables of ROS 2.
+//! What a node is to reach in the network: what its description says, otherwise the variables of ROS 2.
 
 use crate::description::{Discovery, NodeDescription};
 
@@ -44,8 +44,8 @@ impl NetworkSettings {
                 Some("LOCALHOST") => Discovery::Localhost,
                 Some(other) => {
                     return Err(format!(
-                        "ROS_AUTOMATIC_DISCOVERY_RANGE is {other:?}, with which nobody would find this node; give \
-                         LOCALHOST or SUBNET, or discovery in [ros2]"
+                        "ROS_AUTOMATIC_DISCOVERY_RANGE is {other:?}, with which no other process would find this \
+                         node; give LOCALHOST or SUBNET, or discovery in [ros2]"
                     ));
                 }
             },

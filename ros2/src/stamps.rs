@@ -1,6 +1,6 @@
 //! Where on Unix time a stamp lies that was taken on another clock.
 //!
-//! A stamp of `CLOCK_MONOTONIC` is moved by the offset that the client measures. Of another clock nothing is known but
+//! A stamp of `CLOCK_MONOTONIC` is moved by the offset that the client measures. For another clock, it is only known
 //! when what it stamped has come. What comes is late, and never early, so the smallest delay between stamp and arrival
 //! of the last half to whole minute is taken for none:
 //! ```text

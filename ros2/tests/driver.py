@@ -9,7 +9,7 @@ def add_arguments(parser):
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--skip", help="periods that are lost", **numbers)
     parser.add_argument("--double", help="periods that come twice", **numbers)
-    parser.add_argument("--nan", help="periods whose force is no number", **numbers)
+    parser.add_argument("--nan", help="periods whose force is not a number", **numbers)
     parser.add_argument("--foreign", help="periods of another frame", **numbers)
     parser.add_argument("--absurd", help="periods with a stamp of 1970", **numbers)
     parser.add_argument("--now", action="store_true", help="stamps are when it publishes, not when it should")

@@ -45,7 +45,7 @@ def test_a_driver_goes_in_and_comes_out_compensated(world, peer):
     faults = ["--skip", "300,301,500", "--double", "400", "--nan", "600", "--foreign", "650", "--absurd", "700,701"]
     driver = world.peer(peer, *DRIVER, "--count", "1200", *faults)
     driver.wait_for("driven")
-    # A lost period, one that is no number, of another frame or without a time is a gap, each with its number.
+    # A lost period, one that is not a number, of another frame or without a time is a gap, each with its number.
     lost = {300, 301, 500, 600, 650, 700, 701}
     messages = subscriber.wait_for_messages(1200 - len(lost))
     assert node.end() == 0 and recorder.end() == 0

@@ -1,8 +1,8 @@
 //! What the operator accepts: a table that changes too much, by its digest.
 //!
 //! Each acceptance is a [`Note`] of its own in the domain's folder, where nobody else can write. Its name,
-//! `accepted-IMU.WORD`, is never used again. So whoever has read an acceptance and removes it later removes that one,
-//! and none that was written meanwhile, not even one of the same digest.
+//! `accepted-IMU.WORD`, is never used again. So a process that has read an acceptance and removes it later removes that
+//! one, and none that was written meanwhile, not even one of the same digest.
 
 use isotherm_client::{Domain, ImuId, Note, own_files};
 use isotherm_shared::table::Digest;

@@ -11,7 +11,7 @@ pub use isotherm_command::{finish, no_domain};
 use isotherm_support::failure::{Exit, Failure};
 use std::process::ExitCode;
 
-/// The domain that the command line names, else the one that the environment names, else the default.
+/// The domain that the command line names, otherwise the one that the environment names, otherwise the default.
 ///
 /// # Errors
 /// If it is not a valid domain.

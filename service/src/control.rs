@@ -45,7 +45,7 @@ const HOUSEKEEPING_INTERVAL: Duration = Duration::from_secs(1);
 const KEEP_LIMIT: Duration = Duration::from_millis(300);
 /// How long the end may take after a signal that comes while the service starts.
 const START_END_LIMIT: Duration = Duration::from_millis(700);
-/// How long the service manager is told that tables are being reloaded, if a disk does not answer.
+/// How long the service manager is informed that tables are being reloaded, if a disk does not answer.
 const RELOAD_LIMIT: Duration = Duration::from_secs(5);
 /// How a service has ended.
 #[derive(Debug)]
@@ -104,7 +104,7 @@ struct Service<'a> {
     workers: Vec<Worker>,
     threads: Vec<WorkerThread>,
     manager: ServiceManager,
-    /// When the service manager is told that the tables were reloaded as requested, at the latest.
+    /// When the service manager is informed that the tables were reloaded as requested, at the latest.
     reloading_until: Option<Instant>,
     leftovers: Leftovers,
     files: TableFiles,
@@ -204,7 +204,7 @@ impl<'a> Service<'a> {
         }
     }
 
-    /// Orders to load all tables. The service manager is told when that is done, or when a disk does not answer.
+    /// Orders to load all tables. The service manager is informed when that is done, or when a disk does not answer.
     fn load_all(&mut self) {
         info!("SIGHUP: loading all tables");
         self.manager.reloading();
@@ -266,7 +266,7 @@ impl<'a> Service<'a> {
                 warn!(
                     worker = index,
                     "held back for {} ms of the last second in spite of its real-time priority: another thread of at least its \
-                     priority has its core, or the kernel's limit on real-time threads ({}); docs/operate.md tells what to do",
+                     priority has its core, or the kernel's limit on real-time threads ({}); docs/operate.md explains what to do",
                     time.as_millis(),
                     threads::kernel_limit()
                 );
@@ -341,16 +341,16 @@ impl<'a> Service<'a> {
     /// and nobody else can connect. A supervisor starts the service again; without one it begins anew by itself.
     fn begin_anew(self, object: &Path) -> Result<ServiceEnd, Failure> {
         let cause = format!(
-            "{} was removed under the running service: by systemd-logind at a logout (RemoveIPC), or by somebody who tidied up; no other \
-             process can connect",
+            "{} was removed under the running service: by systemd-logind at a logout (RemoveIPC), or by another \
+             process that cleaned up; no other process can connect",
             shown(object)
         );
-        error!("{cause}: beginning anew");
+        error!("{cause}: restarting");
         let lock = self.stop()?;
         if has_supervisor() {
             return Err(Failure::new(
                 Exit::Io,
-                format!("{cause}: ending, so that the supervisor starts the service anew"),
+                format!("{cause}: ending, so that the supervisor restarts the service"),
             ));
         }
         Ok(ServiceEnd::BeginsAnew(lock))

@@ -24,13 +24,13 @@ use std::sync::OnceLock;
 /// What a crash adds to the mark of the start.
 pub(crate) const CRASH: u8 = b'x';
 
-const BUS: &[u8] = b"isotherm: SIGBUS: shared memory that is in use has been taken away; somebody has cut files in /dev/shm, or it is \
-full: make room there and start again\n";
-const SEGV: &[u8] = b"isotherm: SIGSEGV: an access to memory that is not there; if what lies in shared memory is damaged, the next start \
-removes it when no other process uses the domain, else the one after the next\n";
+const BUS: &[u8] = b"isotherm: SIGBUS: shared memory that is in use has been taken away; a process has cut files in \
+/dev/shm, or it is full: make room there and start again\n";
+const SEGV: &[u8] = b"isotherm: SIGSEGV: an access to memory that is not there; if what lies in shared memory is \
+damaged, the next start removes it when no other process uses the domain, otherwise the one after the next\n";
 const ABRT: &[u8] =
-    b"isotherm: SIGABRT: ended by itself, or by the watchdog of the service manager; if what lies in shared memory is \
-damaged, the next start removes it when no other process uses the domain, else the one after the next\n";
+    b"isotherm: SIGABRT: ended by itself, or by the watchdog of the service manager; if what lies in shared memory \
+is damaged, the next start removes it when no other process uses the domain, otherwise the one after the next\n";
 
 /// The mark of this start.
 static MARK: OnceLock<CString> = OnceLock::new();

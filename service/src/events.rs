@@ -1,4 +1,4 @@
-//! What the other threads have to say to the control thread. Of each kind only the newest waits, so that nothing that
+//! What the other threads have to say to the control thread. Only the newest of each kind waits, so that nothing that
 //! happens outside, however often, takes memory or holds a signal up.
 
 use crate::memory::KeptTables;

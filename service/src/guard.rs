@@ -57,7 +57,8 @@ impl Guard {
         Self { imu, limits, domain, memory, changes: Vec::new() }
     }
 
-    /// What is accepted now, whichever tables it is of. Who decides by it and uses it up reads it once for both.
+    /// What is accepted now, whichever tables it is of. A caller that decides by it and uses it up reads it once for
+    /// both.
     pub(crate) fn accepted(&self) -> Vec<Acceptance> {
         Acceptance::read_all(&self.domain, &self.imu)
     }
@@ -111,7 +112,7 @@ impl Guard {
         Ok(TableAdmission { changes: difference.changes, words, accepted })
     }
 
-    /// Whoever takes the memory away must not get a table into force by that.
+    /// A process that takes the memory away must not get a table into force by that.
     fn admit_without_memory(
         &self,
         table: &CoefficientTable,

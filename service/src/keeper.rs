@@ -1,6 +1,6 @@
 //! Keeps the tables in force in the state folder, in a thread of its own: a disk may take its time.
 //!
-//! Of each IMU only the newest request waits. A request that fails is tried again until it succeeds or a newer one
+//! Only the newest request of each IMU waits. A request that fails is tried again until it succeeds or a newer one
 //! replaces it.
 
 use crate::acceptance::Acceptance;

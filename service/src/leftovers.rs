@@ -29,7 +29,7 @@ use tracing::{debug, info};
 const PASSES: u32 = 3;
 
 /// Makes the transport use the domain's configuration for dead processes whose own configuration file is missing.
-/// Otherwise the transport would read a configuration from the current directory, search another domain, and not clean
+/// Otherwise, the transport would read a configuration from the current directory, search another domain, and not clean
 /// up this one.
 pub(crate) fn use_domain_config(domain: &Domain) {
     let set = || -> Option<()> {
@@ -152,7 +152,7 @@ fn may_be_alive(domain: &Domain, number: u128) -> bool {
     Path::new(&format!("/proc/{}", pid(number))).exists() || NodeHolder::of(domain, number) != NodeHolder::Nobody
 }
 
-/// Whether a process of the domain may be alive besides this one.
+/// Whether a process of the domain may be alive in addition to this one.
 pub(crate) fn is_in_use(domain: &Domain) -> bool {
     let others = node_numbers(domain).into_iter().filter(|number| pid(*number) != std::process::id());
     others.into_iter().any(|number| may_be_alive(domain, number))

@@ -59,9 +59,10 @@ pub use source::{StatusSource, StatusWait};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Serve compensated increments: the daemon alone
+/// Serve compensated increments, as a daemon
 ///
-/// Compensates accelerometer pulses for temperature, live over shared memory: the daemon alone.
+/// Compensates the samples of accelerometers and gyroscopes for temperature, live over shared memory. This program has
+/// only the daemon and its tools.
 #[derive(Debug, Parser)]
 #[command(
     name = "isothermd",
@@ -76,9 +77,9 @@ use std::process::ExitCode;
 struct Daemon {
     /// Join the domain of this name
     ///
-    /// The domain: service and clients of different domains never meet.
+    /// A service and clients of different domains never connect to each other.
     ///
-    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    /// Default: the domain that ISOTHERM_DOMAIN names, or "default"
     #[arg(long, global = true, value_name = "NAME")]
     domain: Option<String>,
     #[command(subcommand)]

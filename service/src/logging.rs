@@ -1,6 +1,6 @@
 //! Logging to stderr through `tracing`, including the transport's log.
 //!
-//! Who reads stderr may stop reading: a pipe is then full, and writing to it waits for ever. So lines go through a
+//! The reader of stderr may stop reading: a pipe is then full, and writing to it waits for ever. So lines go through a
 //! bounded queue to a thread that is allowed to wait. What does not fit is dropped and counted; the control thread
 //! reports it when there is room again.
 
@@ -34,7 +34,7 @@ pub enum LogFormat {
     /// For people.
     #[default]
     Human,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
@@ -150,7 +150,7 @@ impl DroppedLines {
     pub(crate) fn report(&mut self) {
         let (dropped, waiting) = (dropped(), LINES.get().map_or(0, LineQueue::waiting));
         if dropped > self.reported && waiting < QUEUE as u64 / 2 {
-            warn!("{} log lines were dropped: nobody read stderr", dropped - self.reported);
+            warn!("{} log lines were dropped: stderr was not read", dropped - self.reported);
             self.reported = dropped;
         }
     }

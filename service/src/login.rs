@@ -14,8 +14,8 @@ pub(crate) fn warning() -> Option<String> {
     let user = rustix::process::geteuid().as_raw();
     let name = removes_memory_of(user, Path::new("/"))?;
     Some(format!(
-        "systemd-logind removes the shared memory of {name} when {name} logs out, and the service has to begin anew then: run it as a \
-         system service, or keep the user's session with `loginctl enable-linger {name}`"
+        "systemd-logind removes the shared memory of {name} when {name} logs out, and the service has to restart \
+         then: run it as a system service, or keep the user's session with `loginctl enable-linger {name}`"
     ))
 }
 

@@ -81,7 +81,7 @@ impl StateFolder {
         // systemd names several folders with colons between them.
         let systemd =
             || env::var("STATE_DIRECTORY").ok()?.split(':').next().filter(|path| !path.is_empty()).map(PathBuf::from);
-        // A domain that was given a folder of its own keeps what it has beside it.
+        // A domain that was given a folder of its own keeps what it has next to it.
         let root = || set(ROOT_VARIABLE).and_then(|_| Some(Path::new(domain.root_path()).parent()?.join(".state")));
         let user = || {
             set("XDG_STATE_HOME").or_else(|| Some(set("HOME")?.join(".local/state"))).map(|path| path.join("isotherm"))
@@ -103,7 +103,7 @@ impl StateFolder {
         let in_force = read(&format!("{imu}.toml"));
         let is_removed = in_force.is_none() && self.is_removed(&format!("{imu}.toml"));
         if is_removed {
-            // By this user: nobody else may write the folder. What lies beside it is of no use any more.
+            // By this user: nobody else may write the folder. What lies next to it is of no use any more.
             return (KeptTables::default(), faults);
         }
         let anchor = read(&format!("{imu}.anchor.toml")).or_else(|| in_force.clone());
@@ -192,7 +192,7 @@ fn is_same(one: &CoefficientTable, other: &CoefficientTable) -> bool {
     one.digest() == other.digest() && one.is_nominal() == other.is_nominal()
 }
 
-/// A table that was kept without its provenance could not be told from one that is no calibration.
+/// A table that was kept without its provenance could not be distinguished from one that is not a calibration.
 fn text_of(table: &CoefficientTable) -> String {
     let provenance = if table.is_nominal() { "" } else { "\n[provenance]\ntool = \"isothermd\"\n" };
     format!("# Kept by the service; docs/operate.md says what for.\n{}{provenance}", table.to_toml())

@@ -221,7 +221,7 @@ impl TableFolder {
     }
 }
 
-/// The folder of a file; `.` for a name alone.
+/// The folder of a file; `.` for only a name.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
@@ -382,7 +382,7 @@ mod tests {
         let now = Instant::now();
         fs::write(folder.path().join("new"), "format = 3\n").unwrap();
         fs::rename(folder.path().join("new"), file.path()).unwrap();
-        assert!(matches!(file.load_complete(now), FileChange::Unchanged), "somebody may still be writing");
+        assert!(matches!(file.load_complete(now), FileChange::Unchanged), "another process may still be writing");
         assert!(matches!(file.poll(now + SETTLE), FileChange::Refused(_)));
         assert!(matches!(file.poll(now + 9 * SETTLE), FileChange::Unchanged));
         fs::remove_file(file.path()).unwrap();
@@ -400,7 +400,7 @@ mod tests {
         let (sender, names) = std::sync::mpsc::channel();
         let absent = folder.path().join("absent").join("imu-b.toml");
         let (_watcher, failures) = watch(&[absent, table.clone()], move |name| sender.send(name).unwrap());
-        assert_eq!(failures.len(), 1, "one folder is missing, the other is watched all the same: {failures:?}");
+        assert_eq!(failures.len(), 1, "one folder is missing, the other is watched anyway: {failures:?}");
         let mut half = fs::File::create(&table).unwrap();
         io::Write::write_all(&mut half, TABLE.as_bytes()).unwrap();
         fs::write(folder.path().join("other.toml"), TABLE).unwrap();

@@ -181,7 +181,7 @@ mod tests {
         Some(FileReport { change, modified_unix_s: Some(1.0), is_absent: state == Absent, is_requested: false })
     }
 
-    /// Serves IMUs with these files, and with a table from before or none. Of each IMU the result has whether it has a
+    /// Serves IMUs with these files, and with a table from before or none. For each IMU the result has whether it has a
     /// table and whether its file is refused; an error has the number of messages.
     fn serve(
         imus: &[(FileState, bool)],

@@ -32,7 +32,7 @@ const FILE_PATIENCE: Duration = Duration::from_secs(2);
 /// How often a start that waits for a disk asks the service manager for more time, and how much it asks for.
 const EXTENSION: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
 
-/// What the command line says besides the configuration.
+/// What the command line says in addition to the configuration.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ServeOptions {
     /// An IMU whose table does not exist yet is served without one.
@@ -253,7 +253,7 @@ fn start_workers(
     {
         warn!(
             "realtime.priority = {priority} and spin: unless the cores are isolated and the kernel's limit is lifted, it stops a worker \
-             for some 50 ms of every second ({}); docs/operate.md tells how, status shows it as held back",
+             for some 50 ms of every second ({}); docs/operate.md explains how, status shows it as held back",
             threads::kernel_limit()
         );
     }

@@ -141,7 +141,7 @@ impl StatusPublisher {
     /// Publishes a status, also where those who cannot join read it.
     ///
     /// # Errors
-    /// The error of the transport, else that of the file.
+    /// The error of the transport, otherwise that of the file.
     pub(crate) fn publish(&mut self, status: &ServiceStatus) -> Result<(), String> {
         let document = serde_json::to_vec(status).map_err(|error| error.to_string())?;
         let noted = self.note.update(&document).map_err(|error| format!("in the domain's folder: {error}"));

@@ -201,7 +201,7 @@ struct HotLoop<'a> {
     clock: Clock,
     waiter: Waiter,
     wake: WakeListeners<'a>,
-    /// Which channels have answered since their readers were told.
+    /// Which channels have answered since their readers were notified.
     news: Vec<bool>,
 }
 
@@ -218,7 +218,7 @@ impl<'a> HotLoop<'a> {
         Self { channels, rehearsals, strategy, beat, clock, waiter, wake, news }
     }
 
-    /// Serves until the order is to stop. Whether readers are told is compiled into the loop: where nobody waits it
+    /// Serves until the order is to stop. Whether readers are notified is compiled into the loop: where nobody waits it
     /// costs no instruction.
     fn run(&mut self, order: &WorkerOrder) {
         loop {
@@ -226,7 +226,7 @@ impl<'a> HotLoop<'a> {
                 STOP => break,
                 0 => self.serve::<false>(order, 0),
                 awaited => {
-                    // What came before this order was told to nobody.
+                    // Nobody was notified of what came before this order.
                     self.channels.iter().for_each(Channel::announce);
                     self.serve::<true>(order, awaited);
                 }
@@ -241,7 +241,8 @@ impl<'a> HotLoop<'a> {
         }
     }
 
-    /// Serves as long as the order is `current`. With `ANNOUNCE` it tells the readers of the IMUs whose bits are set.
+    /// Serves as long as the order is `current`. With `ANNOUNCE` it notifies the readers of the IMUs whose bits are
+    /// set.
     fn serve<const ANNOUNCE: bool>(&mut self, order: &WorkerOrder, current: u64) {
         let (mut turns, mut idle) = (Turns::default(), Idle::default());
         loop {
@@ -278,7 +279,7 @@ impl<'a> HotLoop<'a> {
         Idle::Wait
     }
 
-    /// Rehearses when it is time to, else waits.
+    /// Rehearses when it is time to, otherwise waits.
     #[inline]
     fn wait(&mut self) -> Idle {
         let now = match self.strategy {
@@ -319,7 +320,8 @@ impl<'a> HotLoop<'a> {
     }
 }
 
-/// The channels of a hot loop while it serves under an order. With `ANNOUNCE` the order is which readers are told.
+/// The channels of a hot loop while it serves under an order. With `ANNOUNCE` the order names the readers that are
+/// notified.
 struct HotQueues<'l, 'a, const ANNOUNCE: bool> {
     hot: &'l mut HotLoop<'a>,
     current: u64,

@@ -63,7 +63,7 @@ impl Bound {
         let number = if units.is_empty() { ascii.parse::<f64>().ok() } else { with_unit };
         let Some(number) = number else {
             if units.is_empty() {
-                return Err(format!("{value:?} is no number; {rule}"));
+                return Err(format!("{value:?} is not a number; {rule}"));
             }
             let names: Vec<_> = units.iter().map(|(unit, _)| *unit).collect();
             return Err(format!("{name} is {value:?}; give a number with a unit: {}", names.join(", ")));

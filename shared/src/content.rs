@@ -1,5 +1,5 @@
-//! What a file has that is none of Isotherm's TOML files, recognised by how it begins. Who was given the wrong file is
-//! told which command reads it.
+//! What a file has that is none of Isotherm's TOML files, recognised by how it begins. For a wrong file, the message
+//! names the command that reads it.
 
 /// The first bytes of PX4's logs, ULog.
 pub const ULOG_MAGIC: &[u8] = b"ULog\x01\x12\x35";

@@ -153,14 +153,14 @@ impl<'d, 'a> Section<'d, 'a> {
         self.path = path.into();
     }
 
-    /// Reports `message` about `key`: at the key's line if it is present, else at the section's.
+    /// Reports `message` about `key`: at the key's line if it is present, otherwise at the section's.
     pub fn fault(&self, key: &str, message: impl Into<String>) {
         let line = self.find(key).map_or(self.line, |value| self.document.line(&value.span()));
         let key = if key.is_empty() { self.path.clone() } else { self.key(key) };
         self.document.fault(line, key, message);
     }
 
-    /// As [`fault`](Self::fault) if `message` is `Some`; else does nothing.
+    /// As [`fault`](Self::fault) if `message` is `Some`; otherwise does nothing.
     pub fn refuse(&self, key: &str, message: Option<String>) {
         if let Some(message) = message {
             self.fault(key, message);

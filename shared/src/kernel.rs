@@ -18,9 +18,9 @@ use crate::wire::{AXES, RawSample};
 use nalgebra::Matrix3;
 use wide::f64x2;
 
-/// Pairs of sensors: A1 A2, A3 A3.
+/// Pairs of sensors: A1 with A2, A3 with itself.
 const ACCELEROMETERS: usize = 2;
-/// Pairs of sensors: A1 A2, A3 G1, G2 G3.
+/// Pairs of sensors: A1 with A2, A3 with G1, G2 with G3.
 const WHOLE: usize = 3;
 
 /// A number of every sensor.
@@ -97,7 +97,7 @@ impl Kernel {
         }
     }
 
-    /// Velocity increments \[m/s\] and angle increments \[rad\] over Ts \[s\], which must be valid. `lagged` tells
+    /// Velocity increments \[m/s\] and angle increments \[rad\] over Ts \[s\], which must be valid. `lagged` states
     /// whether the lagged temperature counts.
     ///
     /// `None` for the unusual: unless every temperature is inside the range of every polynomial that it drives, and
@@ -279,8 +279,8 @@ impl<const P: usize> Lanes<P> {
         let board: Pairs<P> = all_sensors(&a.board_temperature, &g.board_temperature);
         let (a, g) = if lagged { (&a.head_lagged, &g.head_lagged) } else { (&a.head_temperature, &g.head_temperature) };
         let mut difference: Pairs<P> = all_sensors(a, g);
-        // Differences of which none is negative if all is usual: their signs tell. A NaN can have any sign: the sum
-        // below or the results tell.
+        // Differences of which none is negative if all is usual: their signs show it. A NaN can have any sign: the sum
+        // below or the results show it.
         let mut signs = f64x2::ZERO;
         for i in 0..P {
             difference[i] -= head[i];

@@ -1,8 +1,8 @@
 //! The lagged temperature: the head temperature of each sensor behind a first-order lag. The transient term of a bias
 //! needs it.
 //!
-//! The service has no state, so whoever makes the samples keeps this one: the acquisition for live samples, the offline
-//! tools for recordings that have no lagged temperature.
+//! The service has no state, so the producer of the samples keeps this one: the acquisition for live samples, the
+//! offline tools for recordings that have no lagged temperature.
 //!
 //! # Formula
 //! L follows the temperature U by `dL/dt = (U - L) / tau`. With the first reading L = U: the sensor is taken to be
@@ -49,7 +49,7 @@ pub struct LaggedReading {
 /// use isotherm_shared::wire::RawSample;
 ///
 /// let mut lag = Lag::new(240_000_000_000); // 240 s
-/// lag.read(0, 2.0, 1_000_000_000); // A1 is soaked at 2 V ..
+/// lag.read(0, 2.0, 1_000_000_000); // A1 is soaked at 2 V …
 /// lag.read(0, 2.4, 241_000_000_000); // .. and at 2.4 V one time constant later
 /// let mut raw = RawSample { telemetry_ns: 241_000_000_000, ..RawSample::default() };
 /// raw.accelerometers.head_temperature[0] = 2.4;
@@ -65,7 +65,8 @@ pub struct Lag {
     /// The state of each sensor; `None` before its first reading.
     pub sensors: [Option<LaggedReading>; SENSORS],
     /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where
-    /// it was, else 1 at the first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small enough.
+    /// it was, otherwise 1 at the first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small
+    /// enough.
     pub unknown: [f64; SENSORS],
     /// Which start of the machine the times are of; 0 = unknown, or of a clock that goes on over a start.
     #[serde(default)]
@@ -379,7 +380,7 @@ mod tests {
     #[test]
     fn an_unknown_start_is_known_after_three_time_constants() {
         const SECOND: u64 = 1_000_000_000;
-        // Of two sensors with the same readings one was not soaked at the first, but 0.7 colder.
+        // One of two sensors with the same readings was not soaked at the first, but 0.7 colder.
         let temperature = |seconds: u64| 1.2 + 1e-4 * seconds as f64;
         let mut lag = Lag::new(TAU_NS);
         lag.forget(0);
@@ -398,7 +399,7 @@ mod tests {
             assert!((left - 0.7 * lag.unknown[0]).abs() < 1e-12, "{left} after {seconds} s");
         }
         assert_eq!(lag.sensors[0], lag.sensors[1]);
-        // A time constant that is not known yet, and a clock that was set back, tell nothing.
+        // A time constant that is not known yet, and a clock that was set back, show nothing.
         for (lag_ns, time_ns) in [(0, 10 * TAU_NS), (TAU_NS, 5)] {
             let mut lag = Lag::new(lag_ns);
             lag.forget(3);

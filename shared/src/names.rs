@@ -76,7 +76,7 @@ impl core::str::FromStr for ImuId {
 
 /// A name that does not follow [`NAME_RULE`].
 #[derive(Clone, Debug, Eq, PartialEq, thiserror::Error)]
-#[error("{0:?} is no valid name; give {NAME_RULE}")]
+#[error("{0:?} is not a valid name; give {NAME_RULE}")]
 pub struct InvalidName(pub String);
 
 fn is_name(name: &str) -> bool {

@@ -1,7 +1,7 @@
 //! Whether a control period is the one that the scale factors of a table are of.
 //!
 //! A reading \[m/s2\] has no pulses. As a count of a fixed resolution it becomes pulses over one **nominal interval**,
-//! and its scale factors are right at that interval and its multiples (merged samples) alone. At 2.5 ms, scale factors
+//! and its scale factors are right at that interval and its multiples (merged samples) only. At 2.5 ms, scale factors
 //! of 0.505 s give 202 times the acceleration.
 
 use crate::wire::MAX_INTERVAL_NS;

@@ -133,8 +133,8 @@ impl Polynomial {
     ///
     /// The Bernstein coefficients over an interval enclose the polynomial there, and the first and the last one are its
     /// values at the ends. If all are at or above the limit, the interval has no violation. If the first or the last is
-    /// below it, that end is a violation. Otherwise the interval is halved. An interval that is still
-    /// undecided below 2^-48 of the range counts as a violation.
+    /// below it, that end is a violation. Otherwise, the interval is halved. An interval that is still undecided below
+    /// 2^-48 of the range counts as a violation.
     ///
     /// ```
     /// use isotherm_shared::polynomial::Polynomial;

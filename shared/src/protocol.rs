@@ -12,8 +12,8 @@
 //! earlier sample, is cancelled, which takes the number of the last loan back, and of no other.
 //!
 //! **What waits** in the acquisition's own memory keeps its number, and is sent before all that is loaned later. A
-//! period that is added to one that waits is cancelled, if its loan is the last, and else waits by itself. A sum that
-//! is dropped leaves out as many numbers as it has periods ([`AcquisitionState::leave_out`]).
+//! period that is added to one that waits is cancelled, if its loan is the last, and otherwise waits by itself. A sum
+//! that is dropped leaves out as many numbers as it has periods ([`AcquisitionState::leave_out`]).
 //!
 //! **Acquisition** ([`AcquisitionState`]). It keeps a copy of each sample until its answer leaves. Answers leave once,
 //! in the order of sending: one that comes early waits. At most `depth` samples are in flight. Samples are sent again,
@@ -48,7 +48,7 @@
 //! sessions. It may come at any time, and its queue loses the oldest increments if it does not read.
 //!
 //! # What holds
-//! - Each sample is answered once and in order, or handed back, or its user is told that the send has failed.
+//! - Each sample is answered once and in order, or handed back, or its user learns that the send has failed.
 //! - No control period gets the number of one that was dropped, and no two samples on loan have the same.
 //! - A gap is reported only before a sample of whose predecessors a fault, or the user, has left one out.
 //! - A reader returns each sample once.
@@ -58,7 +58,7 @@
 //!
 //! The search (`search.rs`, with the queues and faults of `world.rs`) checks this in every state of small worlds, and
 //! shows for each rule above what goes wrong without it. It does not cover a resend that the transport breaks off with
-//! an error, which the user is told of.
+//! an error, which the user gets.
 
 mod acquisition;
 mod pending;

@@ -67,7 +67,7 @@ pub struct ServiceStatus {
     /// of that clock and this give the time of day.
     #[serde(default)]
     pub unix_offset_ns: i64,
-    /// By how much that offset may be off, a bound \[ns\]; 0 from a service that does not tell it.
+    /// By how much that offset may be off, a bound \[ns\]; 0 from a service that does not report it.
     #[serde(default)]
     pub unix_offset_uncertainty_ns: u64,
     /// Steps of that offset since the service started: Unix time was set, or had a leap second.
@@ -95,7 +95,7 @@ pub struct ServiceStatus {
     /// Memory of the process that is resident \[kB\].
     #[serde(default)]
     pub memory_resident_kb: u64,
-    /// Descriptors that the process has open; null if the kernel does not tell.
+    /// Descriptors that the process has open; null if the kernel does not report it.
     #[serde(default)]
     pub open_descriptors: Option<u64>,
     /// Descriptors that the process may open; null without a limit.
@@ -170,7 +170,7 @@ pub struct ImuStatus {
     /// Number of the device that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
     /// Number of the device that the last sample came from, if it was answered with the table in force and that is not
-    /// the table's unit; else null. `OTHER UNIT` for people.
+    /// the table's unit; otherwise null. `OTHER UNIT` for people.
     pub other_device: Option<String>,
     /// Time constant of the lagged temperature in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,
@@ -230,7 +230,7 @@ pub struct ImuStatus {
     /// NaN, flagged `no-table`, until there is one.
     #[serde(default)]
     pub waits_for_table: bool,
-    /// Digest of the table file's table, if that is valid but changes too much to be taken; else null.
+    /// Digest of the table file's table, if that is valid but changes too much to be taken; otherwise null.
     #[serde(default)]
     pub refused_table: Option<String>,
     /// Since when the table file has not been in force, Unix time \[s\]; null if it is in force.

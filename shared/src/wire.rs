@@ -225,8 +225,8 @@ impl RawSample {
     /// Adds the next control period to this one: pulses and intervals are summed, timestamp, temperature and device
     /// become the later ones, session, sequence and `sent_ns` stay.
     ///
-    /// An interval of 0 is not known, and so is a sum with it: it stays 0, flagged [`Flags::INTERVAL`]. Else the pulses
-    /// of a period without a length would pass as those of the other one.
+    /// An interval of 0 is not known, and so is a sum with it: it stays 0, flagged [`Flags::INTERVAL`]. Otherwise, the
+    /// pulses of a period without a length would pass as those of the other one.
     ///
     /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the
     /// same in both periods. For a service that has no room, an acquisition's `keep` does this, and begins another sum
@@ -344,69 +344,72 @@ macro_rules! flags {
 
 flags! {
     of_an_axis {
-        /// Head temperature below the bias range. The increment is as the table's `out_of_range` says: computed at the
-        /// end of the range (clamp), computed by extrapolation, or NaN (reject).
+        /// The head temperature is below the bias range. The increment follows the table's `out_of_range`: it is
+        /// computed at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         head_below = 0, "Calibrate over the temperatures of the mission.";
-        /// Head temperature above the bias range. The increment is as the table's `out_of_range` says: computed at the
-        /// end of the range (clamp), computed by extrapolation, or NaN (reject).
+        /// The head temperature is above the bias range. The increment follows the table's `out_of_range`: it is
+        /// computed at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         head_above = 3, "Calibrate over the temperatures of the mission.";
-        /// Board temperature below the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
-        /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
+        /// The board temperature is below the range of K+ or K-. The increment follows the table's `out_of_range`: it
+        /// is computed at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         board_below = 6, "Calibrate over the temperatures of the mission.";
-        /// Board temperature above the range of K+ or K-. The increment is as the table's `out_of_range` says: computed
-        /// at the end of the range (clamp), computed by extrapolation, or NaN (reject).
+        /// The board temperature is above the range of K+ or K-. The increment follows the table's `out_of_range`: it
+        /// is computed at the end of the range (clamp), computed by extrapolation, or NaN (reject).
         board_above = 9, "Calibrate over the temperatures of the mission.";
-        /// Temperature NaN or infinite. The increment is NaN under any policy; with an alignment matrix on all axes of
-        /// the triad.
+        /// The temperature is NaN or infinite. The increment is NaN under any policy. With an alignment matrix, all
+        /// axes of the triad are NaN.
         not_finite = 12,
             "Look for a dead thermistor or a reading that the acquisition has not filled in; use the other axes.";
-        /// More pulses per second, both channels together, than the table's `max_rate`. The increment is computed.
+        /// Both channels together have more pulses per second than the table's `max_rate`. The increment is computed.
         rate = 15,
-            "The converter may be full: trust this axis less, and look for shock, or counters that were read twice.";
+            "The converter may be saturated: trust this axis less, and look for shock, or for counters that were \
+             read twice.";
     }
     of_a_sample {
-        /// Interval 0 or over an hour. The increments are NaN.
+        /// The interval is 0 or longer than an hour. The increments are NaN.
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
         /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
-        NO_TABLE = 19, "Install the table's file; it is taken without a restart.";
-        /// The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period;
-        /// not flagged where its age is unknown. The increment is computed.
+        NO_TABLE = 19, "Install the table's file; it is loaded without a restart.";
+        /// The temperature is older than the table's `max_age_s`, or newer than the end of the control period by as
+        /// much. It is not flagged if its age is unknown. The increment is computed.
         TELEMETRY_STALE = 20,
-            "Look for a thermometer that is read no more, or read it more often. Newer than its period is temperature of another \
-             clock: give `telemetry_ns` on that of `timestamp_ns`.";
-        /// A bias had to do without its transient term: the sample's time constant is not the table's, it has none, or
-        /// the lag difference is not finite or larger than the bias's range. The increment is computed without that
-        /// term.
+            "Check whether the thermometer is still read, or read it more often. A temperature that is newer than \
+             its period comes from another clock: give `telemetry_ns` on that of `timestamp_ns`.";
+        /// The transient term of a bias is missing: the time constant of the sample is not that of the table, the
+        /// sample has none, or the lag difference is not finite or larger than the bias's range. The increment is
+        /// computed without that term.
         LAG_UNKNOWN = 21,
-            "It ends by itself after a start or a new table. If it stays, feed `reading` with each temperature, and let the \
-             lag follow the table's: docs/temperature-in-motion.md.";
-        /// The sample is of another device than the table; not flagged where either is unknown. The increment is
-        /// computed with that table.
-        OTHER_DEVICE = 22, "Give the unit its own table, or correct the serial number that the acquisition tells.";
+            "It ends automatically after a start or a new table. If it persists, feed `reading` with each \
+             temperature, and let the lag follow the table's: docs/temperature-in-motion.md.";
+        /// The sample comes from a device other than that of the table. It is not flagged if either is unknown. The
+        /// increment is computed with that table.
+        OTHER_DEVICE = 22, "Give the device its own table, or correct the serial number that the acquisition sends.";
         /// A velocity increment is NaN, so that an angle was computed without its g-sensitivity.
-        G_UNKNOWN = 23, "Fix what makes the velocity increment NaN: another flag tells.";
+        G_UNKNOWN = 23, "Fix what makes the velocity increment NaN: another flag shows that.";
         /// Samples of this session are missing before this one. The increment is computed.
         GAP = 24,
-            "Time is missing before it: navigation begins anew. The acquisition should keep what a full queue hands back, \
-             and skip no sequence.";
-        /// The latency was over the configured budget. The increment is right; on a desktop most are late.
-        LATE = 25, "Nothing, or a core and a priority for the worker: docs/operate.md#real-time.";
+            "Time is missing before it: restart navigation. The acquisition should keep what a full queue hands \
+             back, and skip no sequence.";
+        /// The latency exceeded the configured budget. The increment is valid; on a desktop most are late.
+        LATE = 25, "Do nothing, or give the worker a core and a priority: docs/operate.md#real-time.";
         /// No sequence is missing before this sample, and its `timestamp_ns` is not one `interval_ns` after that of the
         /// sample before: the step differs from the interval by more than half of it. Time was lost, or the interval is
         /// wrong. The increment is computed.
         TIME_STEP = 26,
             "Time is missing before it, or the clock was set: look at the acquisition's clock and interval.";
-        /// The first sample of a session other than the one that was served last for this IMU, by this service or by
-        /// the one before it since boot: the acquisition, or its device, began anew. The increment is computed.
+        /// The sample is the first of a new session: the acquisition, or its device, was restarted. The session differs
+        /// from the last one that was served for this IMU since boot, by this service or by the one before it. The
+        /// increment is computed.
         SESSION = 27,
-            "Time may be missing before it: navigation begins anew, or goes on over as many periods as `lost_before` of a \
-             reader counts. Look for why the acquisition was started again, or its device was away.";
-        /// The table has a nominal interval, and the sample's is not within 1 % of 1 to 64 times that; not flagged
-        /// where the interval cannot be (`interval`). The increment is computed, with scale factors that are of another
-        /// interval.
+            "Time may be missing before it: restart navigation, or continue over the number of periods that \
+             `lost_before` of a reader counts. Find out why the acquisition was restarted, or why its device was \
+             away.";
+        /// The table has a nominal interval, and the interval of the sample is not within 1 % of 1 to 64 times that. It
+        /// is not flagged if the interval itself is invalid (`interval`). The increment is computed, with scale factors
+        /// for another interval.
         INTERVAL_NOT_NOMINAL = 50,
-            "Give the interval that the readings have, in nanoseconds, or a table of that interval. Readings whose pulses \
-             are those of the sample's own interval, as `Readings` makes them, are right all the same: \
+            "Give the interval that the readings have, in nanoseconds, or a table of that interval. Readings whose \
+             pulses are those of the sample's own interval, as `Readings` makes them, are still right: \
              docs/table.md#readings-format-3.";
     }
 }

@@ -1,8 +1,8 @@
 //! Checkpoints of long computations: there the caller sees how far they are, and may end them.
 //!
-//! A computation calls [`checkpoint`] in its long loops. Who runs it by [`watched`] is called there, and may say that
-//! the work ends: it then unwinds from the checkpoint, as after a panic but without one, so that all that it holds is
-//! released and files that are not complete are removed. Where nobody watches, a checkpoint does nothing.
+//! A computation calls [`checkpoint`] in its long loops. A caller that runs it by [`watched`] is called there, and may
+//! say that the work ends: it then unwinds from the checkpoint, as after a panic but without one, so that all that it
+//! holds is released and files that are not complete are removed. Where nobody watches, a checkpoint does nothing.
 //!
 //! ```
 //! use isotherm_support::checkpoint::{checkpoint, watched};
@@ -42,7 +42,7 @@ impl fmt::Display for Stop {
 
 impl std::error::Error for Stop {}
 
-/// Tells whether the work may go on, and ends it if not. It costs nanoseconds where nobody watches.
+/// Shows whether the work may continue, and ends it if not. It costs nanoseconds where nobody watches.
 pub fn checkpoint() {
     // What is dropped while the work unwinds may read on, as a stream that is hashed to its end.
     if thread::panicking() {

@@ -54,8 +54,8 @@ macro_rules! exit_codes {
 }
 
 exit_codes! {
-    /// The command failed for another reason: another service or acquisition runs, a verdict is negative, or it was
-    /// interrupted.
+    /// The command failed for another reason: another service or acquisition is running, a verdict is negative, or the
+    /// command was interrupted.
     Failed = 1, "failed", "The message on stderr has cause and remedy.";
     /// The command line is wrong.
     Usage = 64, "usage", "`--help` of the command shows its options, with examples.";
@@ -64,11 +64,13 @@ exit_codes! {
         "The message has the line, or the name of the finding: `isotherm explain NAME`.";
     /// There is no service, stream or instrument.
     Unavailable = 69, "no service, stream or instrument",
-        "`isotherm status` shows a domain's service; programs that meet have the same `--domain` and `ISOTHERM_ROOT`.";
+        "`isotherm status` shows a domain's service; programs that work together have the same `--domain` and \
+         `ISOTHERM_ROOT`.";
     /// A file, shared memory or a port cannot be opened, read or written.
     Io = 74, "a file cannot be read or written",
-        "The message says what is needed: room, a right, another path. `isotherm clean` frees what a domain has left.";
-    /// The domain belongs to another user, or others can put something into its place.
+        "The message names what is needed: space, a permission, another path. `isotherm clean` removes the remains \
+         of a domain.";
+    /// The domain belongs to another user, or other users can replace it.
     OtherUser = 77, "the domain is another user's",
         "Run as the service's user, or use a domain of your own: another `--domain`, or a folder in `ISOTHERM_ROOT`.";
     /// A configuration, table, campaign file or plan is wrong; a table changes too much, or a setting is not permitted.

@@ -1,4 +1,4 @@
-//! Bytes that have a name, wherever they lie: a file, a stream, a text in memory. Who reads formats takes a
+//! Bytes that have a name, wherever they lie: a file, a stream, a text in memory. A reader of formats takes a
 //! [`DataSource`] and opens nothing by itself; `isotherm-files` makes one of a path.
 
 use std::fmt;

@@ -9,8 +9,8 @@ use std::time::Duration;
 /// A place for files that grow. A file that is written is locked: no other process replaces or removes it.
 pub trait Storage {
     /// Creates a file with these bytes, which are kept, and `end` behind them until the first step. It appears with all
-    /// of them, and never replaces an existing one, except one without rows, which `is_vacant` tells by its bytes. `-`
-    /// is the standard output.
+    /// of them, and never replaces an existing one, except one without rows, which `is_vacant` recognises by its bytes.
+    /// `-` is the standard output.
     ///
     /// # Errors
     /// If it exists or cannot be written.
@@ -31,7 +31,7 @@ pub trait Storage {
     /// The names of all files in the folder of this one.
     fn names_beside(&self, path: &Path) -> Vec<String>;
 
-    /// Bytes that can still be written beside this file; `None` if nobody tells.
+    /// Bytes that can still be written next to this file; `None` if that is not known.
     fn free_beside(&self, path: &Path) -> Option<u64>;
 
     /// Removes a file.

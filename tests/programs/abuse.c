@@ -75,9 +75,9 @@ static void wrong_names(void)
     const char *names[] = {"", "IMU", "a b", "\xff\xfe", "0123456789abcdefghijklmnopqrstuvwxyz"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         isotherm_options nowhere = {.domain = names[i], .timeout_ns = TIMEOUT_NS};
-        GIVES(isotherm_acquisition_connect(names[i], &patient, &none), ISOTHERM_ERROR_NAME, "no valid name");
+        GIVES(isotherm_acquisition_connect(names[i], &patient, &none), ISOTHERM_ERROR_NAME, "not a valid name");
         GIVES(isotherm_acquisition_connect(imu, &nowhere, &none), ISOTHERM_ERROR_NAME, "domain");
-        GIVES(isotherm_reader_new(names[i], NULL, &no_reader), ISOTHERM_ERROR_NAME, "no valid name");
+        GIVES(isotherm_reader_new(names[i], NULL, &no_reader), ISOTHERM_ERROR_NAME, "not a valid name");
         CHECK(none == NULL && no_reader == NULL);
     }
     isotherm_options elsewhere = {.domain = "nobody-here"};

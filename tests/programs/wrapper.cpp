@@ -67,7 +67,7 @@ int main(int, char **words)
     sample->interval_ns = 1000;
     const auto answer = acquisition.compensate(sample, 20s);
     CHECK(answer && !answer.is_full() && !answer.is_late() && !sample && answer->interval_ns == 1000 && &answer.value() == &*answer);
-    // The service tells that the increment is there.
+    // The service signals that the increment is there.
     CHECK(poll(&waiting, 1, 20'000) == 1 && (waiting.revents & POLLIN));
     CHECK(reader.receive(20s)->sequence == answer->sequence && reader.repeats() == 0);
     // A sample cannot be sent twice.

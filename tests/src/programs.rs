@@ -61,7 +61,7 @@ pub fn compile_with(
     Some(program)
 }
 
-/// The serial number that the examples tell the service.
+/// The serial number that the examples send to the service.
 pub const SERIAL: &str = "SN 42";
 
 /// Starts a program in the test's domain. Its output goes to the file `out`.

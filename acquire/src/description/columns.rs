@@ -110,7 +110,7 @@ impl Names {
             },
             (_, ColumnRef::Name(name)) => {
                 let Some(index) = self.all.iter().position(|of| of == name) else {
-                    section.fault(key, format!("{name} is no column; there are {}", self.all.join(", ")));
+                    section.fault(key, format!("{name} is not a column; there are {}", self.all.join(", ")));
                     return None;
                 };
                 index
@@ -266,7 +266,8 @@ fn axes(root: &Section<'_, '_>, key: &'static str, of: &Sensors, names: &mut Nam
         None if names.are_counts(&columns) => 1.0,
         None if of.kind == Kind::Reading && names.form == Form::Fields => FINE,
         None => {
-            let message = "missing; give one pulse in the column's unit: 1 if the numbers are counts, else what they are rounded to, such as 1e-6";
+            let message = "missing; give one pulse in the column's unit: 1 if the numbers are counts, otherwise what \
+                they are rounded to, such as 1e-6";
             section.fault("resolution", message);
             return None;
         }

@@ -31,7 +31,7 @@ pub(super) fn read(root: &Section<'_, '_>) -> Option<Frame> {
     let (fields, items) = match items_section {
         None => {
             for item in &item_sections {
-                item.fault("id", "there is no section [items]; give it, or fields alone");
+                item.fault("id", "there is no section [items]; give it, or only fields");
             }
             let missing = field_sections.is_empty() && item_sections.is_empty();
             root.fault_if(missing, "field", "missing; give a section [[field]] for each number that is used");
@@ -73,7 +73,7 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
         let unsigned = number.filter(|number| number.is_unsigned());
         stated.refuse(
             "type",
-            number.filter(|_| unsigned.is_none()).map(|_| "is no length; give u8, u16 or u32".to_owned()),
+            number.filter(|_| unsigned.is_none()).map(|_| "is not a length; give u8, u16 or u32".to_owned()),
         );
         let order = stated.optional_choice("byte_order", &ByteOrder::NAMES).unwrap_or(order);
         let add = stated.optional_integer("add", 0..=MAX_FRAME as i64).unwrap_or(0) as usize;
@@ -81,14 +81,16 @@ fn length(section: &Section<'_, '_>, order: ByteOrder, sync: usize) -> Option<Le
         Some(Length::Stated { at: at? as usize, number: unsigned?, order, add })
     });
     match (section.has("length"), section.has("length_field")) {
-        (true, true) => section.fault("length_field", "is there beside length; give one of them"),
+        (true, true) => section.fault("length_field", "is given in addition to length; give one of them"),
         (false, false) => section
             .fault("length", "missing; give the length of a frame in bytes, sync and checksum too, or length_field"),
         _ => {}
     }
     let short = fixed.filter(|length| (*length as usize) < sync);
-    section
-        .refuse("length", short.map(|length| format!("is {length}, and sync alone has {sync}; give the whole frame")));
+    section.refuse(
+        "length",
+        short.map(|length| format!("is {length}, and sync by itself has {sync}; give the whole frame")),
+    );
     match fixed {
         Some(length) => Some(Length::Fixed(length as usize)),
         None => stated?,

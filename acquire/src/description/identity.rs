@@ -66,7 +66,7 @@ fn identity(section: Section<'_, '_>, names: &mut Names) -> Option<Identity> {
     let holds = section.optional_choice("on_other", &[(false, "flag"), (true, "hold")]).unwrap_or(false);
     match (&field, &message) {
         (None, None) => section.fault("message", "missing; give how the device says who it is: field or message"),
-        (Some(_), Some(_)) => section.fault("field", "is there beside message; give one of them"),
+        (Some(_), Some(_)) => section.fault("field", "is given in addition to message; give one of them"),
         (Some(_), None) if section.has("ask") => {
             section.fault("ask", "is for a message; a field comes unasked, so leave it out");
         }
@@ -106,7 +106,7 @@ fn steps(sections: Vec<Section<'_, '_>>, of_ask: bool) -> Vec<DialogueStep> {
     for section in sections {
         let [send, answer] = ["send", "answer"].map(|key| bytes(&section, key));
         if send.is_none() && !section.has("send") && !section.has("answer") {
-            section.fault("send", "missing; give what is sent, as in \"I\\r\" or [0xFA, 0xFF], or an answer alone");
+            section.fault("send", "missing; give what is sent, as in \"I\\r\" or [0xFA, 0xFF], or only an answer");
         }
         let answer = match answer {
             Some(answer) => DialogueAnswer::Bytes(answer),

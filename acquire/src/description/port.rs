@@ -33,7 +33,7 @@ pub(crate) enum Port {
 pub(crate) struct Udp {
     /// The local address and port.
     pub(crate) address: String,
-    /// Who sends them; `None`: anybody.
+    /// The sender; `None`: anybody.
     pub(crate) peer: Option<Peer>,
 }
 

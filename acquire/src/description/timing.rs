@@ -71,7 +71,7 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
         Some((column?, unit_ns, DeviceClock { turn_ns: turn.map(|turn| turn.round() as u64) }))
     });
     if section.has("time") && section.has("latency") {
-        section.fault("latency", "is there beside time, the device's own clock; leave one out");
+        section.fault("latency", "is given in addition to time, the device's own clock; leave one out");
     }
     section.finish();
     Some(Timing { interval_ns: right?.round() as u64, counter, latency, clock })

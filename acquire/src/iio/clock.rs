@@ -17,7 +17,7 @@ pub enum IioClock {
 pub(super) fn set_monotonic(folder: &Folder) -> IioClock {
     const CLOCK: &str = "current_timestamp_clock";
     let now = || folder.glance(CLOCK);
-    // Old kernels have the time of day alone.
+    // Old kernels have only the time of day.
     let Some(first) = now() else { return IioClock::Other("realtime".to_owned()) };
     if first != "monotonic" {
         // A driver that refuses keeps its clock, and says so below.

@@ -59,7 +59,7 @@ impl Format {
         let storage = (storage / 8) as usize;
         let bytes = storage.checked_mul(format.repeat).filter(|bytes| bytes.is_power_of_two() && *bytes <= 1024);
         if bytes.is_none() {
-            return Err("repeats other than 1, 2, 4, 8 .. times: kernels align it differently");
+            return Err("repeats other than 1, 2, 4, 8, ... times: kernels align it differently");
         }
         Ok(Self { storage, ..format })
     }

@@ -1,6 +1,6 @@
 //! The scans of two devices, joined by their timestamps.
 
-/// Rows of one device that wait for their partners: a timestamp \[ns\] and numbers. Of bounded size.
+/// Rows of one device that wait for their partners: a timestamp \[ns\] and numbers. Their number is bounded.
 pub(super) struct Ring {
     width: usize,
     rows: usize,

@@ -33,9 +33,9 @@ pub struct IioDevice {
 pub struct IioChannel {
     /// As a description names it.
     pub name: String,
-    /// Storage in a scan, as `le:s16/16>>0`; `None` if it can be polled alone.
+    /// Storage in a scan, as `le:s16/16>>0`; `None` if it can only be polled.
     pub scan: Option<String>,
-    /// Unit of one count, in m/s2, rad/s, milli-degC ..; `None` if it cannot be read.
+    /// Unit of one count, in m/s2, rad/s, milli-degC, ...; `None` if it cannot be read.
     pub scale: Option<f64>,
     /// Added to a raw number before the scale.
     pub offset: Option<f64>,

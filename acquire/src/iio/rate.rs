@@ -13,8 +13,8 @@ const TOLERANCE: f64 = 0.01;
 
 /// Sets the frequency that belongs to these channels to one scan in `interval_ns`.
 ///
-/// A trigger that has a frequency of its own (hrtimer) decides; the device's is then left alone. Without any the device
-/// has one rate.
+/// A trigger that has a frequency of its own (hrtimer) decides; the device's is then left unchanged. Without any the
+/// device has one rate.
 pub(super) fn set(
     folder: &Folder,
     trigger: Option<&Folder>,
@@ -29,8 +29,8 @@ pub(super) fn set(
     files.iter().try_for_each(|file| set_one(folder, file, wanted))
 }
 
-/// The frequency of an interval \[Hz\]; the whole one within 100 ppm, since an interval is rounded (3000 Hz are
-/// 333333 ns) and drivers may take whole numbers alone.
+/// The frequency of an interval \[Hz\]; the whole one within 100 ppm, since an interval is rounded (3000 Hz are 333333
+/// ns) and drivers may take only whole numbers.
 fn wanted(interval_ns: u64) -> f64 {
     let exact = 1e9 / interval_ns as f64;
     let whole = exact.round();

@@ -84,8 +84,8 @@ fn scans(member: &DeviceBuffer<'_>) -> String {
     format!("{} has {}", member.device.title(), names.join(" "))
 }
 
-/// Where the temperature of this name is: a scan element if there is one, else an attribute. Two devices of one chip
-/// both have its temperature: the first's is taken.
+/// Where the temperature of this name is: a scan element if there is one, otherwise an attribute. Two devices of one
+/// chip both have its temperature: the first's is taken.
 pub(super) fn temperature<'a>(
     all: &'a [Device],
     members: &[DeviceBuffer<'a>],

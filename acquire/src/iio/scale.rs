@@ -77,7 +77,7 @@ pub(super) fn number(folder: &Folder, file: &str, text: &str) -> Result<f64, Iio
         IioError::new(
             IioFault::Refused,
             phase,
-            format!("{text:?} is no number"),
+            format!("{text:?} is not a number"),
             "report it to the driver's maintainer",
         )
     })

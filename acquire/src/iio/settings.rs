@@ -11,11 +11,11 @@ pub struct IioSettings {
     pub watermark: u32,
     /// Nominal interval of two scans \[ns\], over 0.
     pub interval_ns: u64,
-    /// Wanted channels, as in `in_CHANNEL_en`: `accel_x` .. `anglvel_z`. `DEVICE/CHANNEL` where both devices have it.
+    /// Wanted channels, as in `in_CHANNEL_en`: `accel_x` to `anglvel_z`. `DEVICE/CHANNEL` where both devices have it.
     pub columns: Vec<String>,
-    /// Channels of temperatures, as `temp` or `temp0`; scanned where they are scan elements, else polled. Empty if the
-    /// temperature comes from elsewhere. `DEVICE/CHANNEL` takes it from another IIO device; of two devices that both
-    /// have the channel, as those of one chip, the first's is taken.
+    /// Channels of temperatures, as `temp` or `temp0`; scanned where they are scan elements, otherwise polled. Empty if
+    /// the temperature comes from elsewhere. `DEVICE/CHANNEL` takes it from another IIO device; of two devices that
+    /// both have the channel, as those of one chip, the first's is taken.
     pub temperature: Vec<String>,
     /// Time between two polls of a temperature \[ns\].
     pub poll_ns: u64,

@@ -53,7 +53,7 @@ pub(super) struct DeviceSetup {
 }
 
 /// Opens a device's node, which one program at a time can, and switches its buffer off: one that is on was left by a
-/// program that was killed. Of two devices of a chip both must be off before either is set up.
+/// program that was killed. If a chip has two devices, both must be off before either is set up.
 pub(super) fn claim(tree: &Tree, device: &Device, buffer: &Buffer) -> Result<OwnedFd, IioError> {
     let path = tree.node(device.index);
     let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -85,7 +85,7 @@ pub(super) fn prepare(
 fn select(buffer: &Buffer, channels: &[String]) -> Result<Layout, IioError> {
     let is_wanted = |element: &&Element| element.name == TIMESTAMP || channels.contains(&element.name);
     let (wanted, others): (Vec<&Element>, Vec<&Element>) = buffer.channels.iter().partition(is_wanted);
-    // Others first: some drivers refuse a channel beside another.
+    // Others first: some drivers refuse one channel in addition to another.
     for (elements, state) in [(others, "0"), (wanted, "1")] {
         for element in elements {
             let file = format!("in_{}_en", element.name);

@@ -24,7 +24,7 @@ const READS: usize = 16;
 /// Devices that run. Dropping it switches their buffers off.
 pub struct IioSource {
     streams: Vec<Stream>,
-    /// Of two streams: the rows that wait for a partner, and what becomes of their numbers.
+    /// Two streams: the rows that wait for a partner, and what becomes of their numbers.
     rings: Option<(Ring, Ring)>,
     within: u64,
     output: Output,
@@ -42,7 +42,7 @@ pub struct IioSource {
 ///
 /// # Errors
 ///
-/// Phase, cause and remedy, if a device is not there, not alone ours, lacks a channel, rate or right, or refuses.
+/// Phase, cause and remedy, if a device is not there, is not only ours, lacks a channel, rate or right, or refuses.
 pub fn open(root: &Path, settings: &IioSettings) -> Result<IioSource, IioError> {
     open_tree(&Tree::new(root), settings)
 }

@@ -103,7 +103,7 @@ impl Folder {
         IioError::io(self.phase(&format!("setting {name} to {value}")), &self.path.join(name), error)
     }
 
-    /// As [`Self::write`], for who judges the cause.
+    /// As [`Self::write`], for callers that judge the cause.
     pub(super) fn try_write(&self, name: &str, value: &str) -> io::Result<()> {
         let path = self.path.join(name);
         #[cfg(test)]

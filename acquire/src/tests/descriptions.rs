@@ -86,7 +86,7 @@ fn all_faults_are_named_with_line_and_key() {
     let found = faults(&text.replace("step = 2", "step = 3"));
     assert!(found.contains("timing.counter.step: give a step that divides"), "{found}");
     let found = faults(&text.replace("\"ay\", \"az\"]", "\"ay\", \"aq\"]"));
-    assert!(found.contains("accelerometer.columns: aq is no column; there are gx"), "{found}");
+    assert!(found.contains("accelerometer.columns: aq is not a column; there are gx"), "{found}");
 }
 
 #[test]

@@ -49,8 +49,8 @@ fn what_is_wrong_with_identity_and_set_up_is_named() {
     for (changes, expected) in [
         (&[(message, "")][..], "identity.message: missing; give how the device says who it is"),
         (&[(message, "field = \"time\"")], "identity.ask: is for a message"),
-        (&[(ask, "field = \"time\"")], "identity.field: is there beside message; give one of them"),
-        (&[(message, "field = \"tim\""), (ask, "")], "identity.field: tim is no column"),
+        (&[(ask, "field = \"time\"")], "identity.field: is given in addition to message; give one of them"),
+        (&[(message, "field = \"tim\""), (ask, "")], "identity.field: tim is not a column"),
         (&[(ask, "ask = [{ send = [1], answer = [2] }]")], "identity.ask: has 0 steps without answer; give one"),
         (
             &[(ask, "ask = [{ send = 7 }]")],

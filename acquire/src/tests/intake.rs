@@ -1,4 +1,4 @@
-//! From rows to samples: what is missing, and what other messages leave alone.
+//! From rows to samples: what is missing, and what other messages leave unchanged.
 
 use super::profile;
 use crate::Value;

@@ -55,7 +55,7 @@ fn seeds() -> u64 {
 }
 
 impl World {
-    /// Whether nothing tells how many frames are missing: the jitter is longer than the interval.
+    /// Whether nothing shows how many frames are missing: the jitter is longer than the interval.
     fn is_blind(&self) -> bool {
         matches!(self.numbers, Numbers::Nothing) && self.jitter() > 0.5 * self.interval_ns
     }
@@ -162,8 +162,8 @@ fn lost_frames_are_gaps() {
     );
 }
 
-/// A counter that happens to begin where the old one would be now cannot be told from it: that is one in ten or twenty
-/// of those with eight bits, and the stamps are right all the same.
+/// A counter that happens to begin where the old one would be now cannot be distinguished from it: that is one in ten
+/// or twenty of those with eight bits, and the stamps are right all the same.
 #[test]
 fn a_device_that_starts_again_begins_a_session_or_says_that_it_may_have() {
     let (runs, wrong) = (Cell::new(0), Cell::new(0));

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 const LENGTH: usize = 13;
 
-/// Accelerometers alone: two bytes of sync, a counter, three numbers, a temperature, a checksum.
+/// Only accelerometers: two bytes of sync, a counter, three numbers, a temperature, a checksum.
 fn description(checksum: &str) -> Description {
     let field =
         |name: &str, at: usize, kind: &str| format!("[[field]]\nname = \"{name}\"\nat = {at}\ntype = \"{kind}\"\n");

@@ -21,7 +21,8 @@ const EARLY: f64 = 0.2;
 pub(super) const LATE_INTERVALS: f64 = 0.75;
 /// Times the mean jitter that arrivals may be off.
 pub(super) const JITTERS: f64 = 4.0;
-/// By how much time a number that has jumped may differ from the clock, beside two intervals and the jitter \[ns\].
+/// By how much time a number that has jumped may differ from the clock, in addition to two intervals and the jitter
+/// \[ns\].
 const NUMBER_NS: f64 = 5e6;
 /// Frames that came an interval apart, up to this part of it, show that none of them was late.
 const STEADY: usize = 8;
@@ -66,7 +67,7 @@ impl<T> Timeline<T> {
         (self.numbering.counts() && is_odd).then_some(Doubt::Number)
     }
 
-    /// Periods in a turn of a counter without a clock beside it.
+    /// Periods in a turn of a counter without a clock in addition to it.
     pub(super) fn turn(&self) -> Option<f64> {
         let counter = self.numbering.counter.filter(|_| self.numbering.clock.is_none());
         counter.map(|counter| counter.turn() as f64)

@@ -86,7 +86,7 @@ impl Line {
         let periods = periods as f64;
         let largest = LARGEST_ERROR_NS + 2.0 * interval;
         let error = self.late(arrival.by_ns, 0.0).min(largest);
-        // Seen late, so it tells no more than that.
+        // Seen late, so it shows no more than that.
         if arrival.by_ns.saturating_sub(arrival.after_ns) as f64 > HELD_BACK_NS + 2.0 * interval {
             return;
         }

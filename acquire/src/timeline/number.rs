@@ -103,7 +103,7 @@ impl FrameNumbering {
             if real > limit {
                 return FrameStep::Restarted;
             }
-            // The clock tells the turns of the counter.
+            // The clock counts the turns of the counter.
             let turn = counter.turn() as f64;
             let passed = by_clock.map_or(0.0, |ns| ns as f64 / self.interval);
             let turns = ((passed - real) / turn).round().max(0.0);
@@ -122,7 +122,7 @@ impl FrameNumbering {
         }
     }
 
-    /// Whether the device itself tells how many periods have passed.
+    /// Whether the device itself shows how many periods have passed.
     pub(super) const fn counts(&self) -> bool {
         self.counter.is_some() || self.clock.is_some()
     }
@@ -154,7 +154,7 @@ impl DeviceClock {
         }
     }
 
-    /// Whether it was set back, as far as less than half a turn can tell.
+    /// Whether it was set back, as far as less than half a turn can show.
     fn is_back(&self, last: u64, now: u64) -> bool {
         self.turn_ns.is_some_and(|turn| self.passed(last, now).is_none_or(|passed| passed > turn / 2))
     }

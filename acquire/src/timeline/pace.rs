@@ -112,7 +112,7 @@ impl Trace {
     }
 
     /// The step from frame to frame: that of most frames, if these are alike; 1 if frames are missing here and there.
-    /// `None` if it cannot be told.
+    /// `None` if it is not known.
     fn step(&self) -> Option<f64> {
         let mut steps: Vec<_> =
             self.frames.iter().skip(1).map(|frame| frame.step).filter(|step| !step.is_nan()).collect();

@@ -10,7 +10,7 @@ use crate::frames::FrameArrival;
 /// Time by which a counter that went on may be off after a silence \[ns\], and the part of the silence \[1\]. Beyond it
 /// the device has started again.
 const GOES_ON: (f64, f64) = (10e6, 2e-4);
-/// A counter that turns no faster than this tells by itself whether it went on \[ns\].
+/// A counter that turns no faster than this shows by itself whether it continued \[ns\].
 const SLOW_TURN_NS: f64 = 1e9;
 /// Jitter of the first frames that counts \[ns\], and two intervals more.
 const FIRST_JITTER_NS: f64 = 20e6;
@@ -165,7 +165,7 @@ impl<T> Timeline<T> {
 /// What was lost before a frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrameLoss {
-    /// Periods beyond those that the device's numbers tell.
+    /// Periods beyond those that the device's numbers show.
     periods: u64,
     /// Time beyond them \[ns\].
     more: f64,

@@ -1,4 +1,4 @@
-//! The time from a campaign's file to its table, compared with the CSV parser alone on the same file, in one run.
+//! The time from a campaign's file to its table, compared with only the CSV parser on the same file, in one run.
 //!
 //! 15 set points, 12 positions, 300 s each at 100 Hz: 5.4 million rows, unless `--smoke`.
 
@@ -21,7 +21,7 @@ const TABLE: &str = include_str!("../../../examples/tables/imu-paper.toml");
 
 /// What is timed.
 const STEPS: [&str; 4] = [
-    "CSV parser alone (csv-core)",
+    "only the CSV parser (csv-core)",
     "and numbers from text",
     "and dwells, checked",
     "checks, orders and fit of the dwells",

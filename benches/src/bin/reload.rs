@@ -33,7 +33,7 @@ fn bench(ReloadArguments { common }: ReloadArguments) -> BenchResult<()> {
     let (mut due, mut times) = (Instant::now(), Vec::with_capacity(reloads));
     for reload in 0..reloads {
         let id = ids[reload % 2].clone()?;
-        // The service loads a file that changes at most ten times a second. A table that comes alone does not wait.
+        // The service loads a file that changes at most ten times a second. A single table does not wait.
         for _ in 0..PAUSE.div_duration_f64(PERIOD) as u32 {
             round_trip(&mut acquisition, &mut due)?;
         }

@@ -33,7 +33,7 @@ impl From<BatchError> for Failure {
 /// One quantity of all devices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quantity {
-    /// For example `A1 bias at 1.1`.
+    /// For example, `A1 bias at 1.1`.
     pub name: String,
     /// Unit of the values.
     pub unit: String,
@@ -81,7 +81,7 @@ impl Quantity {
 /// One curve of all devices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BatchCurve {
-    /// For example `A1 bias`.
+    /// For example, `A1 bias`.
     pub name: String,
     /// Unit of the curves less their mid values: of a bias its own, of a scale factor ppm.
     pub unit: &'static str,

@@ -259,7 +259,7 @@ fn findings(tables: &[TableFile], curves: &[CurveComparison], alignments: &[Alig
     {
         add(name::DATES, format!("{} is dated before {}: the new table is the older one.", new.name, old.name));
     }
-    let unknown = "the values alone decide, and nothing says whether a difference is more than the errors.";
+    let unknown = "only the values decide, and nothing says whether a difference is more than the errors.";
     let missing: Vec<_> = curves.iter().filter(|curve| curve.band.is_none()).map(|curve| curve.name()).collect();
     if !missing.is_empty() {
         let which = if missing.len() == curves.len() { "any curve".to_owned() } else { missing.join(", ") };
@@ -371,7 +371,7 @@ impl Comparison {
         if required.rate.is_some() && !self.curves.iter().any(|curve| curve.unit == "deg/h") {
             let (name, verdict) = ("rate".to_owned(), Compliance::Undecided);
             let message = "rate: not judged, the tables do not all have gyroscopes".to_owned();
-            let remedy = Some("leave rate out, or give tables with gyroscopes alone");
+            let remedy = Some("leave rate out, or give only tables with gyroscopes");
             found.push(CurveJudgement { name, verdict, message, remedy });
         }
         found

@@ -12,19 +12,19 @@ use std::ops::Range;
 const BLOCK_ROWS: usize = 10;
 /// Two attitudes differ by more than this part of the specific force.
 const OTHER_ATTITUDE: f64 = 0.05;
-/// Blocks of this many rows, and as many of them, are enough for an axis that sits at its extreme ..
+/// Blocks of this many rows, and as many of them, are enough for an axis that sits at its extreme …
 const REST_ROWS: usize = 20;
 const REST_BLOCKS: usize = 3;
-/// .. while the others scatter as in the static poses, up to this factor.
+/// … while the others scatter as in the static poses, up to this factor.
 const ALIKE: f64 = 3.0;
-/// A counter that wraps steps by more than this part of its range ..
+/// A counter that wraps steps by more than this part of its range …
 const WRAP: f64 = 0.95;
-/// .. and than so many usual changes, since noise of a few counts does the same ..
+/// … and than so many usual changes, since noise of a few counts does the same …
 const WRAP_CHANGES: f64 = 30.0;
-/// .. there and back within so many rows, none of them longer than this \[ns\], as often as ..
+/// … there and back within so many rows, none of them longer than this \[ns\], as often as …
 const WRAP_ROWS: usize = 5;
 const WRAP_INTERVAL_NS: u64 = 100_000_000;
-/// .. this.
+/// … this.
 const WRAPS: usize = 3;
 /// Share of the rows that are missing before it is a cause.
 const MOST_MISSING: f64 = 0.1;
@@ -159,8 +159,8 @@ fn wraps(rows: &[RawSample], counts: &[[f64; AXES]], axis: usize) -> Option<Find
     }
     (times >= WRAPS).then(|| {
         let message = format!(
-            "{} jumps by {range} counts, its whole range, and back {times} times within {WRAP_ROWS} rows: its counts wrap, or signed counts \
-             were read as unsigned; record with a wider range, or convert anew",
+            "{} jumps by {range} counts, its whole range, and back {times} times within {WRAP_ROWS} rows: its counts \
+             wrap, or signed counts were read as unsigned; record with a wider range, or convert again",
             AXIS_NAMES[axis]
         );
         Finding::fault(name::WRAPPED, message)
@@ -184,8 +184,8 @@ fn swapped(counts: &[[f64; AXES]]) -> Option<Finding> {
         .collect::<Option<_>>()?;
     let worst = axes.iter().all(|[now, right]| *now > SMOOTHER * right).then(|| axes[0])?;
     let message = format!(
-        "the rows of A1 usually change by {:.0} counts, with the two bytes of each count exchanged by {:.0}: the order of the bytes is \
-         wrong; convert anew",
+        "the rows of A1 usually change by {:.0} counts, with the two bytes of each count exchanged by {:.0}: the \
+         order of the bytes is wrong; convert again",
         worst[0] * unit,
         worst[1] * unit
     );

@@ -265,9 +265,9 @@ impl Dwell {
         self.block_length *= 2.0;
     }
 
-    /// The interval over the timestamp's step between rows with consecutive sequences; NaN without such rows. Of the
-    /// median over the blocks and the ratio of the sums it is the one that is closer to 1: a broken timestamp does not
-    /// change the median, and timestamps that jitter or are coarse do not change the sums.
+    /// The interval over the timestamp's step between rows with consecutive sequences; NaN without such rows. It is
+    /// that one of the median over the blocks and the ratio of the sums that is the one that is closer to 1: a broken
+    /// timestamp does not change the median, and timestamps that jitter or are coarse do not change the sums.
     #[must_use]
     pub fn interval_ratio(&self) -> f64 {
         let steps = || self.blocks.iter().map(|block| block.steps.consecutive);

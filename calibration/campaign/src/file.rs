@@ -267,20 +267,20 @@ fn temperature_range(root: &Section<'_, '_>, gravity_only: bool) -> Option<Optio
     }
 }
 
-/// The table that gives what ramps alone do not show; the outer `None` if the key is wrong, or missing.
+/// The table that gives what ramps do not show; the outer `None` if the key is wrong, or missing.
 fn curves<'d>(root: &Section<'d, '_>, ramps_alone: bool) -> Option<Option<&'d str>> {
     const TABLE: &str = "name the table that has them, for example curves = \"imu.toml\"";
     let curves = root.optional_string("curves");
     let fault = match curves {
         None if ramps_alone && !root.has("curves") => Some(format!(
-            "missing; ramps alone show neither scale factors nor misalignments nor the constant of a bias: {TABLE}, or give [[position]] and samples"
+            "missing; ramps show neither scale factors nor misalignments nor the constant of a bias: {TABLE}, or give [[position]] and samples"
         )),
         Some("") => Some(format!("is empty; {TABLE}")),
         Some(_) if !ramps_alone && root.has("position") => {
-            Some("is for ramps alone: here the positions give the curves; leave it out".to_owned())
+            Some("is for campaigns with only ramps: here the positions give the curves; leave it out".to_owned())
         }
         Some(_) if !ramps_alone => {
-            Some("is for ramps alone, and there is no [[ramp]]; give one, or leave it out".to_owned())
+            Some("is for campaigns with only ramps, and there is no [[ramp]]; give one, or leave it out".to_owned())
         }
         _ => None,
     };
@@ -320,9 +320,9 @@ fn place(root: &Section<'_, '_>) -> [Option<f64>; 2] {
     match (latitude, height) {
         (Some(_), Some(_)) | (None, None) => {}
         _ if root.has("latitude_deg") && root.has("height_m") => {}
-        // The turns of gyroscopes need the latitude alone.
+        // The turns of gyroscopes need only the latitude.
         (Some(_), None) if root.has("turn") => {}
-        _ => root.fault("", "give both latitude_deg and height_m, or neither; the latitude alone is for turns: [[turn]], in a plan [turns]"),
+        _ => root.fault("", "give both latitude_deg and height_m, or neither; a latitude without height is for turns: [[turn]], in a plan [turns]"),
     }
     [latitude, height]
 }

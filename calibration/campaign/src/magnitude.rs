@@ -23,8 +23,8 @@ const USUAL_NS: f64 = 20e6;
 const AS_UNIT: f64 = 0.1;
 
 /// That the magnitude of the compensated specific force at rest is not gravity: over 2 % off the local gravity of the
-/// table, else its g0. It is the median over the static poses of the first [`MAGNITUDE_ROWS`] rows; `None` if there are
-/// none, or no output that is a number. Rows in motion are not judged.
+/// table, otherwise its g0. It is the median over the static poses of the first [`MAGNITUDE_ROWS`] rows; `None` if
+/// there are none, or no output that is a number. Rows in motion are not judged.
 #[must_use]
 pub fn magnitude_at_rest(table: &CoefficientTable, rows: &[RawSample]) -> Option<Finding> {
     let rows = &rows[..rows.len().min(MAGNITUDE_ROWS)];

@@ -82,7 +82,7 @@ fn member(section: &Section<'_, '_>) -> Option<Member> {
     Some(Member { imu: imu?, serial, mounting: mounting? })
 }
 
-/// The campaign of `imu` alone, or the only one.
+/// The campaign of only `imu`, or the only one.
 ///
 /// # Errors
 /// If there is no such IMU, or if there are several and none is chosen.

@@ -19,7 +19,7 @@ pub struct Campaign {
     /// Serial number, free text.
     pub serial: Option<String>,
     /// Files of the samples, relative to the campaign file: one file, or the pieces of one recording in any order. Not
-    /// required with ramps alone.
+    /// required with only ramps.
     pub samples: Vec<String>,
     /// How they are laid out; files by position are named by patterns.
     pub layout: SampleLayout,
@@ -33,8 +33,8 @@ pub struct Campaign {
     pub gravity_source: GravitySource,
     /// Unit of the temperature; only a label.
     pub temperature_unit: String,
-    /// The table's policy for temperature out of range, if stated; else a fitted table clamps, and one of ramps alone
-    /// keeps the policy of its predecessor `curves`.
+    /// The table's policy for temperature out of range, if stated; otherwise a fitted table clamps, and one of only
+    /// ramps keeps the policy of its predecessor `curves`.
     pub out_of_range: Option<OutOfRange>,
     /// Temperature older than this is flagged \[s\]; it is written into the table.
     pub max_age_s: Option<f64>,
@@ -43,7 +43,7 @@ pub struct Campaign {
     pub max_rate: Option<f64>,
     /// Least time between two set points \[s\], if stated.
     pub soak_s: Option<f64>,
-    /// The positions; none with ramps alone. If `mount` only exchanges axes or their signs, the directions are computed
+    /// The positions; none with only ramps. If `mount` only exchanges axes or their signs, the directions are computed
     /// exactly from the angles.
     pub positions: Vec<Position>,
     /// Orientation of the IMU on the turntable, if the angles are stated; see [`mount`](crate::mount()).
@@ -56,10 +56,10 @@ pub struct Campaign {
     pub height_m: Option<f64>,
     /// The ramps, for the transients; none if they are not estimated.
     pub ramps: Vec<Ramp>,
-    /// The table that gives what ramps alone do not show, relative to the campaign file. There with ramps alone, and
-    /// only with them.
+    /// The table that gives what ramps do not show, relative to the campaign file. There if and only if the campaign
+    /// has only ramps.
     pub curves: Option<String>,
-    /// Whether the samples are recordings of a tumble: static poses, with the magnitude of gravity alone as the
+    /// Whether the samples are recordings of a tumble: static poses, with only the magnitude of gravity as the
     /// reference. Then there are no positions, turns or ramps.
     pub is_tumble: bool,
     /// Where a table of order 0 is valid, in the temperature's unit; only with `is_tumble`.

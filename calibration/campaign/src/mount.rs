@@ -8,9 +8,9 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Two directions are enough for a rotation if the sine of the angle between them is over this.
 const MIN_ANGLE: f64 = 0.1;
-/// Rotations are made of each position and this many that follow it ..
+/// Rotations are made of each position and this many that follow it …
 const NEIGHBOURS: usize = 8;
-/// .. for this many positions: a file may have thousands.
+/// … for this many positions: a file may have thousands.
 const CANDIDATES: usize = 64;
 
 /// Orientation of the IMU on the turntable: the orthogonal matrix from the specific force at the angles to the stated

@@ -182,7 +182,7 @@ fn deficiency(axis: usize, parameters: &[usize], positions: &[Position]) -> Stri
         ));
     }
     format!(
-        "{}: {} cannot be told apart by these positions; missing: {}",
+        "{}: {} cannot be distinguished by these positions; missing: {}",
         AXIS_NAMES[own],
         named.join(", "),
         wanted.join(", ")

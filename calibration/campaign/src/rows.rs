@@ -85,7 +85,7 @@ pub fn implausible(sample: &RawSample, previous_ns: Option<u64>) -> Option<Strin
     implausible_time(sample, previous_ns).or_else(|| implausible_values(sample))
 }
 
-/// The same, by interval and time alone: the values of the sample are not looked at.
+/// The same, only by interval and time: the values of the sample are not looked at.
 #[must_use]
 pub fn implausible_time(sample: &RawSample, previous_ns: Option<u64>) -> Option<String> {
     let RawSample { interval_ns, .. } = *sample;
@@ -111,7 +111,7 @@ fn implausible_values(sample: &RawSample) -> Option<String> {
             (sample.accelerometers.board_temperature[axis], "board"),
         ] {
             if !temperature.is_finite() {
-                return Some(format!("a{}_{name} is {temperature}, which is no temperature", axis + 1));
+                return Some(format!("a{}_{name} is {temperature}, which is not a temperature", axis + 1));
             }
         }
         if sample.accelerometers.positive_pulses[axis] == u32::MAX

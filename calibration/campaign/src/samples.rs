@@ -6,7 +6,7 @@
 //! files = "T{set_point_c}_P{position}.csv"   # or means = "means.csv"
 //! ```
 //!
-//! What the columns of such files are stands beside, in the keys of a mapping; who opens the files reads them.
+//! What the columns of such files are is stated separately, in the keys of a mapping; who opens the files reads them.
 
 use isotherm_shared::document::Section;
 
@@ -78,7 +78,7 @@ impl FilePattern {
         let between = &text[first.0 + first.1.len()..second.0];
         if between.is_empty() {
             return Err(format!(
-                "has both numbers side by side, which no name tells apart; give a letter between them, {example}"
+                "has both numbers side by side, which no name distinguishes; give a letter between them, {example}"
             ));
         }
         let parts = [&text[..first.0], between, &text[second.0 + second.1.len()..]].map(str::to_owned);

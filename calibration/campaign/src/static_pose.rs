@@ -1,4 +1,4 @@
-//! StaticPoses: the parts of a recording in which the IMU was at rest, found from its counts alone.
+//! StaticPoses: the parts of a recording in which the IMU was at rest, found only from its counts.
 //!
 //! A window of W rows is at rest if it is as quiet as the quietest lasting level of the recording, and if at that level
 //! averaging helps: the means of neighbouring windows differ by far less than the rows within them. Movement fails the
@@ -40,9 +40,9 @@ const SAME_MEAN: f64 = 5.0;
 const EDGE: f64 = 3.0;
 /// Least length of a static pose \[s\].
 const LEAST_LENGTH_S: f64 = 1.0;
-/// A static pose that turns by more from its first to its last third is left out \[rad\] ..
+/// A static pose that turns by more from its first to its last third is left out \[rad\] …
 const MOST_TURN_RAD: f64 = 5e-3;
-/// .. if that is so many standard errors.
+/// … if that is so many standard errors.
 const SIGNIFICANT: f64 = 5.0;
 /// Static poses that usually turn by more are none \[rad\]. Real ones reach 1.5e-3.
 const USUAL_TURN_RAD: f64 = 2e-3;

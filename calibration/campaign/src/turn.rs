@@ -53,7 +53,7 @@ impl Turn {
 
 /// A gyroscope counts for K+ or K- in turns of at least this about its own axis \[arcsec\]: 90 deg.
 pub const LEAST_TURN: f64 = 90.0 * 3600.0;
-/// Most turns, and most positions beside them: a list by hand has some tens, and the equations grow with the square.
+/// Most turns, and most positions next to them: a list by hand has some tens, and the equations grow with the square.
 const MOST: usize = 100;
 /// Largest angle \[deg\].
 const LARGEST_ANGLE: f64 = 36_000.0;
@@ -195,7 +195,8 @@ fn on_the_table(
     });
     let Some((exact, about)) = found else {
         let message = format!(
-            "is {}, which is no axis of the turntable there; give the outer axis, {}, or the inner one, {}, or the opposite of one",
+            "is {}, which is not an axis of the turntable there; give the outer axis, {}, or the inner one, {}, or \
+             the opposite of one",
             vector_words(axis),
             vector_words(outer_axis),
             vector_words(inner_axis)

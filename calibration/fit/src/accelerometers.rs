@@ -45,7 +45,7 @@ pub fn accelerometers_observable(campaign: &Campaign) -> Result<[Observability; 
     let turned: Option<Vec<_>> = campaign.positions.iter().map(turned).collect();
     let observes =
         |positions: &Vec<_>| (0..AXES).all(|axis| Observability::of(positions, axis).deficiencies.is_empty());
-    let hint = "with 90 or -90 added to every outer_deg, and specific_force as it then is, the positions tell all apart: at outer_deg = 0 the inner \
+    let hint = "with 90 or -90 added to every outer_deg, and specific_force as it then is, the positions distinguish all of them: at outer_deg = 0 the inner \
                 axis points up"
         .to_owned();
     let hint = turned.filter(observes).map(|_| hint);
@@ -248,7 +248,7 @@ fn reduced(
         match Observability::of(&positions, axis).deficiencies.into_iter().next() {
             Some(deficiency) => Err(deficient(deficiency)),
             None => reduce(campaign, &parts, axis, tilt).ok_or_else(|| {
-                deficient(format!("the pulses of {} do not tell its parameters apart", AXIS_NAMES[axis]))
+                deficient(format!("the pulses of {} do not distinguish its parameters", AXIS_NAMES[axis]))
             }),
         }
     };

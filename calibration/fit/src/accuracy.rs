@@ -51,7 +51,7 @@ pub struct Accuracy {
     units: &'static TriadUnits,
 }
 
-/// The largest 95 % half widths of what gyroscopes have beside curves.
+/// The largest 95 % half widths of what gyroscopes have in addition to curves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConstantsAccuracy {
     /// The three g-sensitivities of each gyroscope \[deg/h/g0\].

@@ -74,7 +74,7 @@ pub(crate) fn matrix_of(misalignments: [[f64; 2]; AXES]) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| rows[i][j])
 }
 
-/// The matrix with these values beside the diagonal: row i has the value onto the next axis and the one onto the axis
+/// The matrix with these values next to the diagonal: row i has the value onto the next axis and the one onto the axis
 /// after it.
 pub(crate) fn beside_diagonal(diagonal: f64, pairs: [[f64; 2]; AXES]) -> [[f64; AXES]; AXES] {
     let mut rows = [[diagonal; AXES]; AXES];

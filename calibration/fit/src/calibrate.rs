@@ -45,7 +45,7 @@ pub fn observable(campaign: &Campaign) -> Result<TriadObservability, Calibration
 }
 
 /// Makes a coefficient table of both triads from a campaign; of the accelerometers only, if the campaign file has no
-/// turns. Ramps beside the positions give lag and transients. Ramps alone are for
+/// turns. Ramps next to the positions give lag and transients. Campaigns with only ramps are for
 /// [`ramps::calibrate_ramps`](crate::ramps::calibrate_ramps).
 ///
 /// ```

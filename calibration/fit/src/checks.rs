@@ -104,7 +104,7 @@ pub struct SetPoint {
 }
 
 /// Groups dwells into set points. If every visit of a set point has more than half of the `positions`, each visit is a
-/// set point of its own. Otherwise all visits of the same value are one set point.
+/// set point of its own. Otherwise, all visits of the same value are one set point.
 #[must_use]
 pub fn set_points(dwells: &[Dwell], positions: usize) -> Vec<SetPoint> {
     let mut visits: Vec<SetPoint> = Vec::new();

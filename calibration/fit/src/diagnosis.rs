@@ -13,7 +13,7 @@
 //! data if, with it where it holds, the residuals of all set points together are a tenth of those without.
 //!
 //! The residuals do not change if both channels of an accelerometer are exchanged: K+ is then negative. So the six
-//! orders of the accelerometers are tried, and the signs of the scale factors tell the rest: exchanged channels, or a
+//! orders of the accelerometers are tried, and the signs of the scale factors show the rest: exchanged channels, or a
 //! turned IMU. Single channels of two accelerometers are exchanged one by one.
 
 mod cause;

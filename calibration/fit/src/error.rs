@@ -67,7 +67,7 @@ pub enum CalibrationError {
     #[error(transparent)]
     Tumble(#[from] TumbleError),
     /// The result is not a valid table.
-    #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    #[error("the result is not a valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<ContentFault>),
 }
 

@@ -1,6 +1,6 @@
 //! The gyroscopes of a campaign: from dwells and turns to their part of the table.
 //!
-//! The accelerometers are calibrated first, from the dwells alone
+//! The accelerometers are calibrated first, only from the dwells
 //! ([`calibrate`](crate::accelerometers::calibrate_accelerometers)). Their fit gives the base's tilt. The gyroscopes
 //! are then fitted to dwells and turns together:
 //!
@@ -172,7 +172,8 @@ fn reduce_set_point(
     }
     let of_set_point: Vec<_> = runs.iter().filter(|run| run.set_point == index).cloned().collect();
     reduce(&of_set_point, start).map_err(|_| {
-        let told = "its dwells and turns do not tell the gyroscopes' parameters apart; measure again what was left out";
+        let told =
+            "its dwells and turns do not distinguish the gyroscopes' parameters; measure again what was left out";
         deficient(told.to_owned())
     })
 }

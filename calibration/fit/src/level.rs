@@ -55,7 +55,7 @@ pub(crate) fn level_error(
 fn without_pairs(campaign: &Campaign, missing: &str, shown: Option<&str>) -> String {
     let shown = shown.map(|shown| format!("; {shown}")).unwrap_or_default();
     let why = match campaign.mount {
-        Some(_) => "these positions do not tell the base's tilt from the other parameters",
+        Some(_) => "these positions do not separate the base's tilt from the other parameters",
         None => missing,
     };
     format!(

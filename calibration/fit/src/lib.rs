@@ -1,7 +1,7 @@
 //! From measurements of an IMU to a coefficient table: campaigns on a two-axis turntable in a temperature chamber,
 //! ramps of the temperature, and a tumble.
 //!
-//! This crate opens no file, starts no thread and reads no clock: the time of a calibration is told.
+//! This crate opens no file, starts no thread and reads no clock: the time of a calibration is an argument.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -12,8 +12,8 @@
 //! the weights of two different K. The level error would then not cancel, and the bias could be wrong by several ug0.
 //!
 //! The base's tilt about two axes is estimated too if the campaign file gives the turntable's angles and the positions
-//! tell it from the other unknowns: six faces at one heading do not. With six faces at two headings the tilt cancels
-//! anyway; with other lists of positions it does not.
+//! separate it from the other unknowns: six faces at one heading do not. With six faces at two headings the tilt
+//! cancels anyway; with other lists of positions it does not.
 //!
 //! # Errors
 //! Dwells of one set point share errors (repeatability, hysteresis), so the standard errors come from the

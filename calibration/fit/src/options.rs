@@ -38,7 +38,7 @@ pub struct CalibrationOptions {
     pub lag: LagChoice,
     /// Time constant of the table in force \[s\]: it is kept where it lies within the interval that the ramps show.
     pub predecessor_lag_s: Option<f64>,
-    /// Whether the table that ramps alone begin with has errors of its bias curves in its provenance.
+    /// Whether the table that only ramps begin with has errors of its bias curves in its provenance.
     pub curves_have_errors: bool,
 }
 
@@ -64,7 +64,7 @@ impl Method {
 }
 
 /// # Errors
-/// If an option is for ramps and there are none, or for positions and there are ramps alone.
+/// If an option is for ramps and there are none, or for positions and there are only ramps.
 pub(crate) fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) -> Result<(), CalibrationError> {
     let message = if campaign.ramps.is_empty() && options.lag != LagChoice::Search {
         "a time constant of the lag is for ramps, and the campaign file has none; give [[ramp]], or leave the time constant out"
@@ -74,7 +74,7 @@ pub(crate) fn refuse_options(campaign: &Campaign, options: &CalibrationOptions) 
             || options.alignment != AlignmentChoice::IfNeeded
             || !options.exclude.is_empty())
     {
-        "order, method, alignment and exclude are for positions, and the campaign file has ramps alone; leave them out"
+        "order, method, alignment and exclude are for positions, and the campaign file has only ramps; leave them out"
     } else {
         return Ok(());
     };

@@ -17,9 +17,9 @@ use isotherm_support::finding::Finding;
 /// What was measured, and the options of its fit.
 #[derive(Clone, Debug)]
 pub enum CalibrationData {
-    /// A campaign on a turntable, with the ramps beside its positions.
+    /// A campaign on a turntable, with the ramps next to its positions.
     Campaign(Measurements, CalibrationOptions),
-    /// Ramps alone, and the table that gives everything else.
+    /// Only ramps, and the table that gives everything else.
     Ramps(Vec<RampRecording>, Box<CoefficientTable>, CalibrationOptions),
     /// Recordings at one attitude, and the nominal table.
     WarmUp(Vec<RampRecording>, Box<CoefficientTable>, WarmUpOptions),
@@ -57,7 +57,7 @@ pub enum CalibrationData {
 pub enum CalibrationOutcome {
     /// A campaign on a turntable.
     Campaign(Box<Calibration>),
-    /// Ramps alone.
+    /// Only ramps.
     Ramps(Box<RampCalibration>),
     /// Recordings at one attitude.
     WarmUp(Box<WarmUpCalibration>),

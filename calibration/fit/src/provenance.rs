@@ -1,5 +1,5 @@
 //! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is
-//! not part of the digest, so an edited value passes unnoticed. It is for people and scripts. Of it, programs read
+//! not part of the digest, so an edited value passes unnoticed. It is for people and scripts. Programs read from it
 //! `gravity_local` and Earth's rate, which `verify` takes if the user states none, and the time and the errors of the
 //! table, see [`Origin`].
 

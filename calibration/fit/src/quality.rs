@@ -97,7 +97,7 @@ impl<P: PartialEq> FittedTriad<'_, P> {
                     taking.add(
                         curve,
                         0.0,
-                        format!("order {order} takes all {n} set points, so that nothing tells how good the curve is"),
+                        format!("order {order} takes all {n} set points, so that nothing shows how good the curve is"),
                     );
                 }
                 _ => {}

@@ -1,7 +1,7 @@
 //! The ramps of a campaign: their [transients](crate::transients) go into the table of its positions or, without
 //! positions, into another table.
 //!
-//! # Ramps alone
+//! # Only ramps
 //! They show how each bias changes with temperature, at one attitude. The table that the campaign file calls `curves`
 //! gives everything else. Its bias curves are replaced by those of the ramps, each shifted to keep its value at mid
 //! range: the constant of a ramp contains the attitude (1 mrad is 1000 ug0) and Earth's rate. What such a table does
@@ -27,7 +27,7 @@ const CARRIED_G0: f64 = 0.01;
 /// What gives errors of curves.
 pub(crate) const ONE_DIRECTION_REMEDY: &str = "heat and cool, in one recording or in several";
 
-/// The result of a campaign with ramps alone.
+/// The result of a campaign with only ramps.
 #[derive(Clone, Debug)]
 pub struct RampCalibration {
     /// The table: that of `curves`, with the bias curves and the transients of the ramps.
@@ -94,7 +94,7 @@ impl RampCalibration {
         let carrying: Vec<_> = carrying.map(|bias| format!("{} ({:.2} g0)", bias.name(), bias.carried_g0)).collect();
         if !carrying.is_empty() {
             sentences.push(format!(
-                "the bias alone of {}: the axis carries a specific force f, so that its curve is the bias and f dK/K, the change of its scale factor that curves \
+                "only the bias of {}: the axis carries a specific force f, so that its curve is the bias and f dK/K, the change of its scale factor that curves \
                  does not know",
                 carrying.join(", ")
             ));
@@ -124,7 +124,7 @@ impl RampCalibration {
     }
 }
 
-/// Makes a table of ramps alone. `curves` is the table that the campaign file names.
+/// Makes a table of only ramps. `curves` is the table that the campaign file names.
 ///
 /// Two recordings of a simulated IMU, whose elements follow their heads with 240 s, at 20 and 70 degC/h:
 /// ```
@@ -218,7 +218,7 @@ pub(crate) fn ramp_calibration(
     })
 }
 
-/// Writes what the ramps beside the positions show into the table of a calibration.
+/// Writes what the ramps next to the positions show into the table of a calibration.
 pub(crate) fn add_transients(
     campaign: &Campaign,
     calibration: &mut Calibration,
@@ -320,14 +320,17 @@ fn devices(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTabl
     let fault = |message| vec![Finding::whole(Severity::Fault, name::OTHER_DEVICE, message)];
     if of_file != 0 && table.device() != 0 && of_file != table.device() {
         return fault(
-            "the serial numbers of the campaign file and of curves differ; give the table of the same unit (--other-device makes the table all the same)".to_owned(),
+            "the serial numbers of the campaign file and of curves differ; give the table of the same device \
+             (--other-device makes the table anyway)"
+                .to_owned(),
         );
     }
     let other = found().find(|(_, device)| *device != 0 && *device != expected);
     other.map_or_else(Vec::new, |(name, device)| {
         fault(format!(
-            "{name}: the unit {device:016x} took rows of this ramp, and {expected:016x} is {whose}; give ramps of that unit, or correct serial or the \
-             acquisition's serial number (--other-device makes the table all the same)"
+            "{name}: rows of this ramp are from device {device:016x}, and {expected:016x} is {whose}; give ramps of \
+             that device, or correct serial or the acquisition's serial number (--other-device makes the table \
+             anyway)"
         ))
     })
 }
@@ -344,8 +347,8 @@ fn one_direction(curves: &CoefficientTable, found: &Transients, has_errors: bool
         (order, _) => format!("are of order {order}"),
     };
     let message = format!(
-        "no ramp heats and cools over half of the range of {}: the errors of the new curves are not known, and the bias curves of curves \
-         {worth}; {ONE_DIRECTION_REMEDY}, or replace them all the same with --replace-curves",
+        "no ramp heats and cools over half of the range of {}: the errors of the new curves are not known, and the \
+         bias curves of curves {worth}; {ONE_DIRECTION_REMEDY}, or replace them anyway with --replace-curves",
         unknown.name()
     );
     Some(Finding::fault(name::ONE_DIRECTION, message))

@@ -7,9 +7,9 @@
 //!    averaging has to help, as in the static poses of [`isotherm_campaign`].
 //! 3. `bumps`: where the level steps, the attitude is another one from there on.
 //! 4. `thermometer`: a thermometer that stands still while the biases go on has no rows there.
-//! 5. The stretch that covers the largest span of temperature is used. Others of the same recording are used beside it
-//!    if they are as long as a recording has to be and cover a tenth of the span of all: each has a constant of its
-//!    own, so that its attitude does not matter.
+//! 5. The stretch that covers the largest span of temperature is used. Others of the same recording are used in
+//!    addition to it if they are as long as a recording has to be and cover a tenth of the span of all: each has a
+//!    constant of its own, so that its attitude does not matter.
 
 mod account;
 mod bins;
@@ -26,7 +26,7 @@ use isotherm_support::finding::{Finding, name};
 
 /// Fewest means of a stretch, of a second or of a row: twice those of a recording, as gaps leave some out.
 const LEAST_MEANS: usize = 48;
-/// A stretch beside the longest one covers this part of the span of all.
+/// A stretch next to the longest one covers this part of the span of all.
 const LEAST_PART: f64 = 0.1;
 /// After so long a motion the attitude may be another one \[s\].
 const LONG_S: f64 = 10.0;

@@ -20,8 +20,8 @@
 //!    stated error of t is that with the time constant of each replicate, and by halves of a sweep where it is larger.
 //! 4. `prediction`: one sweep is left out at a time, and predicted by each model.
 //! 5. `decision`: what may be written, and why.
-//! 6. `sweeps`: the band between the sweeps, each fitted alone, with what is written: the error of the curve. `steps`:
-//!    what a bump leaves.
+//! 6. `sweeps`: the band between the sweeps, each fitted separately, with what is written: the error of the curve.
+//!    `steps`: what a bump leaves.
 //!
 //! With a time constant that is given there are no columns of plays, start and time: what comes before three time
 //! constants is left out. One sweep each way is enough then; a quarter of a sweep is left out at a time to try the
@@ -74,7 +74,7 @@ struct Fit {
     time_constant: TimeConstantEstimate,
     conditions: Vec<Condition>,
     biases: Vec<BiasTransient>,
-    /// Of constant, curve, transient and what is beside them, by bias.
+    /// Of constant, curve, transient and what is added to them, by bias.
     solutions: Vec<Coefficients>,
     /// Steps, by recording.
     steps: Vec<Vec<Step>>,

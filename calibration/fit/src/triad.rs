@@ -32,7 +32,7 @@ pub struct CalibratedTriad<'a> {
     pub set_points: Vec<(f64, [ReducedSensor<'a>; AXES])>,
     /// What was found about this triad.
     pub findings: &'a [Finding],
-    /// What gyroscopes have beside that.
+    /// What gyroscopes have in addition to that.
     pub gyroscopes: Option<&'a GyroscopeCalibration>,
 }
 

@@ -1,5 +1,5 @@
-//! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and gravity's length alone is the
-//! reference.
+//! Calibration without a turntable: the IMU is put down in many attitudes, by hand, and only the magnitude of gravity
+//! is the reference.
 //!
 //! Each static pose gives one equation: the length of the compensated specific force is g_local/g0. The direction is
 //! not known, so a rotation of the whole output is not observable: body axis 3 is along A3, body axis 2 in the plane of
@@ -57,9 +57,9 @@ use nalgebra::Matrix3;
 use poses::{PoseSearch, excluding};
 use reading::Reading;
 
-/// Makes a table of the recordings of an IMU that was put down in many attitudes. Of the campaign, the IMU, the
-/// gravities and what goes into the table unchanged are used. Every recording is searched for static poses by itself;
-/// their numbers go on from recording to recording.
+/// Makes a table of the recordings of an IMU that was put down in many attitudes. Only the IMU, the gravities and what
+/// goes into the table unchanged are used. Every recording is searched for static poses by itself; their numbers go on
+/// from recording to recording.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

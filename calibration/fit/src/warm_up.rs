@@ -13,7 +13,7 @@
 //!    reference temperature. That of a gyroscope stays in, with Earth's rate.
 //!
 //! The error of a curve is the band: how far heating and cooling are apart at the same temperature. No curve over
-//! temperature can be better. One sweep does not show it: the 95 % interval from noise stands beside what a lag of a
+//! temperature can be better. One sweep does not show it: the 95 % interval from noise is compared with what a lag of a
 //! minute would make.
 
 mod beside;

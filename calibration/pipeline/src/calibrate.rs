@@ -96,8 +96,8 @@ pub struct JobOutcome {
 }
 
 impl Inputs {
-    /// Reads what a campaign on a turntable names, also ramps alone. `samples` replace those that the campaign file
-    /// names.
+    /// Reads what a campaign on a turntable names, also one with only ramps. `samples` replace those that the campaign
+    /// file names.
     ///
     /// # Errors
     /// If positions and turns do not determine all parameters, or if a file cannot be read.
@@ -130,7 +130,7 @@ impl Inputs {
         Ok(Self { measured, origin })
     }
 
-    /// Reads the recordings of a tumble: those of `samples`, or else those that the campaign file names. `file` is
+    /// Reads the recordings of a tumble: those of `samples`, otherwise those that the campaign file names. `file` is
     /// `None` if options describe the IMU.
     ///
     /// # Errors
@@ -200,7 +200,7 @@ impl Inputs {
     }
 }
 
-/// The samples that are given, or else those that the campaign file names.
+/// The samples that are given, otherwise those that the campaign file names.
 fn named_unless_given<'a>(
     samples: Vec<RowSource<'a>>,
     campaign: &Campaign,
@@ -270,7 +270,7 @@ impl JobOutcome {
     }
 }
 
-/// The table that ramps alone begin with, and whether its provenance states errors of its bias curves.
+/// The table that only ramps begin with, and whether its provenance states errors of its bias curves.
 fn curves(path: &Path, campaign: &Campaign) -> Result<(CoefficientTable, bool), Failure> {
     let (table, text, _) = load_table_text(path, Some(&campaign.imu), Trust::Any)?;
     let has_errors = isotherm_fit::Origin::of_toml(&text, &table).has_bias_errors();
@@ -480,7 +480,7 @@ impl<'a> RecordingReader<'a> {
     }
 
     /// The recordings that these are, in the order in which their first pieces are named: of files whose times go on
-    /// from each other it is one. `complete` adds what files tell after the last row.
+    /// from each other it is one. `complete` adds what files report after the last row.
     fn recordings<T, U>(
         &self,
         samples: Vec<RowSource<'_>>,
@@ -528,7 +528,7 @@ impl<'a> RecordingReader<'a> {
         Ok(all.into_iter().map(|(_, read)| read).collect())
     }
 
-    /// One recording; `complete` adds what its file tells after the last row.
+    /// One recording; `complete` adds what its file reports after the last row.
     fn recording<T>(
         &self,
         path: &Path,

@@ -17,7 +17,7 @@ pub fn no_bar(_: &[PathBuf], _: &'static str) -> Progress {
     Progress::new(NoBar)
 }
 
-/// Tells warnings alone.
+/// Prints only warnings.
 struct NoBar;
 
 impl Observer for NoBar {
@@ -29,7 +29,7 @@ impl Observer for NoBar {
 /// A campaign file: its path, and its text.
 #[derive(Clone, Debug)]
 pub struct CampaignFile {
-    /// Its path; messages name it, and the files that it names are beside it.
+    /// Its path; messages name it, and the files that it names are next to it.
     pub path: PathBuf,
     /// Its text.
     pub text: String,
@@ -102,7 +102,7 @@ impl CampaignFile {
         campaign.ramps.iter().map(|ramp| self.beside(&ramp.samples)).collect()
     }
 
-    /// The table that gives the curves of ramps alone.
+    /// The table that gives the curves of only ramps.
     #[must_use]
     pub fn curves(&self, campaign: &Campaign) -> Option<PathBuf> {
         campaign.curves.as_ref().map(|name| self.beside(name))

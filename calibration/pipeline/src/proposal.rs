@@ -29,7 +29,7 @@ const OF_POSITION: [&str; 4] = ["pos", "att", "lage", "orient"];
 /// it are relative to `beside`, the folder of the campaign file.
 ///
 /// # Errors
-/// If no file can be read as a table of numbers, or if nothing tells set point and position.
+/// If no file can be read as a table of numbers, or if nothing shows set point and position.
 pub fn propose(folder: &Path, beside: &Path) -> Result<String, Failure> {
     if folder.is_file() {
         return of_sheet(folder, beside);

@@ -164,7 +164,7 @@ pub(crate) fn names_in(root: &Path, depth: usize) -> Result<Vec<String>, Failure
             let entry = entry.map_err(|error| failed(&error))?;
             looked_at += 1;
             if looked_at > MOST {
-                let message = format!("{}: over {MOST} files; give the folder of the campaign alone", shown(root));
+                let message = format!("{}: over {MOST} files; give the folder of only the campaign", shown(root));
                 return Err(Failure::new(Exit::Data, message));
             }
             // A name that is no text fits no pattern.

@@ -13,8 +13,7 @@ use std::path::{Path, PathBuf};
 /// In names of files, the number of an IMU in its log.
 pub const INSTANCE: &str = "{instance}";
 
-/// The IMUs of which recordings are, each of which gets a table of its own. Of recordings, and of logs with one IMU, it
-/// is one.
+/// The IMUs of which recordings are, each of which gets a table of its own. Recordings and logs with one IMU have one.
 #[derive(Clone, Debug)]
 pub struct Vehicle {
     /// The IMUs, by their numbers in the logs.
@@ -95,7 +94,7 @@ impl VehicleImu {
         [IMU, INSTANCE].iter().any(|word| text.contains(word))
     }
 
-    /// The options by which its rows alone are read.
+    /// The options by which only its rows are read.
     #[must_use]
     pub fn input(&self, options: &InputOptions) -> InputOptions {
         let mut own = options.clone();

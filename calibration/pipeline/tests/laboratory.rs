@@ -296,7 +296,7 @@ fn counts_among_rates_and_a_wrong_gate_are_found_from_gravity() {
         "fault [counts-or-rates]: T-20/P03.csv:2: set point -20 degC, position 3: A1, A2, A3 indicate 10 times gravity";
     assert!(message.contains(expected) && message.contains("give all files in one unit"), "{message}");
     fs::write(&path, good).unwrap();
-    // Where all numbers are wrong alike, the nominal scale factor tells.
+    // Where all numbers are wrong alike, the nominal scale factor shows it.
     let nominal = format!("nominal_scale_factor = 90000\n{text}");
     fs::write(laboratory.path("nominal.toml"), &nominal).unwrap();
     laboratory.made("nominal.toml");
@@ -306,7 +306,10 @@ fn counts_among_rates_and_a_wrong_gate_are_found_from_gravity() {
         "{message}"
     );
     let (_, message) = laboratory.refused(&text.replace("kind = \"rate\"", "kind = \"count\""));
-    assert!(message.contains("which is no count") && message.contains("give kind = \"rate\" and gate_s"), "{message}");
+    assert!(
+        message.contains("which is not a count") && message.contains("give kind = \"rate\" and gate_s"),
+        "{message}"
+    );
     let shorter = text.replace("gate_s = 10", "gate_s = 1");
     fs::write(laboratory.path("shorter.toml"), shorter).unwrap();
     let made = laboratory.made("shorter.toml");

@@ -175,7 +175,7 @@ impl Curve {
         self.covariance.as_ref().map(|covariance| root(powers.dot(&(covariance * &powers))))
     }
 
-    /// Half width of the confidence interval of the value at `temperature` alone, at `confidence`, 0 to 1; a slope that
+    /// Half width of the confidence interval of the value at only `temperature`, at `confidence`, 0 to 1; a slope that
     /// the curve lacks adds its 95 %. A reading in steps has a standard error of a step over sqrt(12), that the curve's
     /// slope makes one of the value. `None` without errors, and where nothing was measured.
     #[must_use]

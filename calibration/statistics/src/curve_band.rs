@@ -2,7 +2,7 @@
 //!
 //! The error of a fitted polynomial in standard errors, T(x) = p(x)'(b - beta) / |L'p(x)| with covariance LL', is a
 //! Student's t at each x. How far its largest absolute value goes over a range depends on the path that the direction
-//! L'p(x)/|L'p(x)| takes on the sphere, by its length k alone:
+//! L'p(x)/|L'p(x)| takes on the sphere, only by its length k:
 //!
 //! ```text
 //! P(max |T| > c)  <=  k/pi (1 + c^2/n)^(-n/2) + P(|t| > c)          n: degrees of freedom

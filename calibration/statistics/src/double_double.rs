@@ -1,8 +1,8 @@
 //! Numbers of about 32 decimal digits: an unevaluated sum of two doubles, `hi + lo` with `|lo| <= ulp(hi)/2`.
 //!
 //! The data of a regression are decimals that a double cannot represent exactly, such as 0.1. On ill-conditioned data
-//! sets this rounding alone costs half the digits of the result. Text is therefore read into a [`DoubleDouble`], and
-//! the whole factorisation uses it. Algorithms: Dekker (1971), Knuth (TAOCP 2, 4.2.2), Hida, Li and Bailey (2001).
+//! sets only this rounding costs half the digits of the result. Text is therefore read into a [`DoubleDouble`], and the
+//! whole factorisation uses it. Algorithms: Dekker (1971), Knuth (TAOCP 2, 4.2.2), Hida, Li and Bailey (2001).
 //! Magnitudes must be between about 1e-140 and 1e140; outside, results degrade to doubles or become infinite or NaN.
 
 use core::cmp::Ordering;

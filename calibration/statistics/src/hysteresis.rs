@@ -2,7 +2,7 @@
 //!
 //! A sweep is what lies between two turns of the temperature, with the hold after it. The band is the residual of
 //! heating sweeps less that of cooling sweeps, by bins of temperature. Lag and hysteresis both open it; nothing here
-//! tells them apart (see transients).
+//! distinguishes them (see transients).
 
 use core::ops::Range;
 use serde::{Deserialize, Serialize};

@@ -30,7 +30,7 @@ pub struct LeastSquares {
 /// let residual = -DVector::from_vec(vec![1.0, 3.0, 5.0]); // the model, 0, less the data
 /// let solution = least_squares(&jacobian, &residual).ok_or("the rows do not determine the unknowns")?;
 /// assert!((solution.change[0] - 1.0).abs() < 1e-12 && (solution.change[1] - 2.0).abs() < 1e-12);
-/// // Two equal columns cannot be told apart.
+/// // Two equal columns cannot be distinguished.
 /// assert!(least_squares(&DMatrix::repeat(3, 2, 1.0), &residual).is_none());
 /// # Ok(())
 /// # }

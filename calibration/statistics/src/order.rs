@@ -127,7 +127,7 @@ impl OrderTable {
             warnings: &diagnostics.warnings,
             linear: regression.linear().collect(),
         };
-        // It fails for maps alone whose keys are no texts.
+        // It fails only for maps whose keys are no texts.
         serde_json::to_value(document).unwrap_or_default()
     }
 

@@ -1,7 +1,7 @@
 //! Polynomial regression of one quantity on another: equations (3) to (16) of the source paper, to full precision.
 //!
 //! # Definition
-//! y = a0 + a1 x + .. + am x^m over n points with weights w, the inverse variances up to a common factor (1 unless
+//! y = a0 + a1 x + ... + am x^m over n points with weights w, the inverse variances up to a common factor (1 unless
 //! given). A point of weight 2 has half the variance; it is one point still, and n is the number of points. A common
 //! factor changes neither coefficients, F, p nor standard errors; Q, U and the residual standard deviation are those of
 //! a point of weight 1. With means and sums weighted by w, and S_yy = sum w (y - mean y)^2:
@@ -16,13 +16,13 @@
 //! therefore given: for the raw powers x^j, and for the powers of the centred (x - center)/scale. The errata of the
 //! printed equations are in docs/paper.md.
 //!
-//! Other columns z1 .. zq may enter linearly beside the polynomial: y = a0 + a1 x + .. + am x^m + b1 z1 + .. + bq zq.
-//! Then m is the order of the polynomial still, and the degrees of freedom of the regression are m + q in the place of
-//! m.
+//! Other columns z1 ... zq may enter linearly in addition to the polynomial:
+//! `y = a0 + a1 x + ... + am x^m + b1 z1 + ... + bq zq`. Then m is still the order of the polynomial, and the degrees
+//! of freedom of the regression are m + q in the place of m.
 //!
 //! # Algorithm
 //! The equations are only the definition: solving the normal equations (7) would lose half the digits. x is centred and
-//! scaled to -1..1, as is each z. Givens rotations reduce `[1 z1 .. zq x x^2 .. x^M | y]` row by row to its upper
+//! scaled to -1..1, as is each z. Givens rotations reduce `[1 z1 ... zq x x^2 .. x^M | y]` row by row to its upper
 //! triangle R. This one factorisation serves every order up to M. The factorisation and the expansion to powers of the
 //! raw x use double-double arithmetic, on data read as decimals. No refinement is needed: of 32 digits, the worst data
 //! sets lose about 15.
@@ -133,7 +133,8 @@ impl Regression {
         Self::with_linear(points, "x", Vec::new(), max_order)
     }
 
-    /// Fits every order from 0 to `max_order`, each beside the columns `linear`. `x` is the name of x, for messages.
+    /// Fits every order from 0 to `max_order`, each in addition to the columns `linear`. `x` is the name of x, for
+    /// messages.
     ///
     /// A rate that depends on the temperature \[V\] and on the supply voltage \[V\]:
     /// ```
@@ -205,7 +206,7 @@ impl Regression {
         self.points.len()
     }
 
-    /// The fits of order 0, 1, ..
+    /// The fits of order 0, 1, 2 and so on.
     #[must_use]
     pub fn fits(&self) -> &[Fit] {
         &self.fits
@@ -296,14 +297,14 @@ impl Regression {
         self.linear.iter().map(move |column| column.values[index])
     }
 
-    /// The row (1, z1, .., x, x^2, ..) of centred and scaled values, up to the power `max_order`.
+    /// The row (1, z1, ..., x, x^2, ...) of centred and scaled values, up to the power `max_order`.
     fn row(&self, x: DoubleDouble, linear: impl Iterator<Item = DoubleDouble>, max_order: usize) -> Vec<DoubleDouble> {
         let mut row = powers((x - self.center) / self.scale, max_order);
         row.splice(1..1, linear);
         row
     }
 
-    /// The orthonormal functions in the order of the columns of R: R^-T (1, z1, .., x, x^2, ..).
+    /// The orthonormal functions in the order of the columns of R: R^-T (1, z1, ..., x, x^2, ...).
     fn basis(&self, x: DoubleDouble, linear: impl Iterator<Item = DoubleDouble>) -> Vec<DoubleDouble> {
         let count = self.inverse.len();
         let row = self.row(x, linear, count - 1 - self.linear.len());
@@ -350,7 +351,7 @@ impl Regression {
     }
 
     /// Largest residual sum of squares that the rounding of y can explain; a fit at or below it is perfect. If every y
-    /// is a double, or the shortest decimal form of one, y was rounded to doubles. Otherwise it has the precision of a
+    /// is a double, or the shortest decimal form of one, y was rounded to doubles. Otherwise, it has the precision of a
     /// double-double.
     fn rounding(&self) -> DoubleDouble {
         let is_double = |point: &DataPoint| DoubleDouble::parse(&format!("{:e}", point.y.value())) == Some(point.y);

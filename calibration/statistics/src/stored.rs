@@ -29,7 +29,7 @@ pub(crate) mod square {
         let Some(numbers) = Option::<Vec<f64>>::deserialize(deserializer)? else { return Ok(None) };
         let side = numbers.len().isqrt();
         if side * side != numbers.len() {
-            return Err(D::Error::custom(format!("{} numbers are no square matrix", numbers.len())));
+            return Err(D::Error::custom(format!("{} numbers are not a square matrix", numbers.len())));
         }
         Ok(Some(DMatrix::from_vec(side, side, numbers)))
     }

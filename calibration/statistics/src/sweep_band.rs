@@ -28,7 +28,7 @@ pub struct SweepValues {
     pub recording: usize,
     /// Whether the temperature rises.
     pub heating: bool,
-    /// Temperature and value. Values less a curve that is common to all sweeps tell the same, with less error within
+    /// Temperature and value. Values less a curve that is common to all sweeps show the same, with less error within
     /// bins.
     pub values: Vec<(f64, f64)>,
 }
@@ -129,7 +129,7 @@ fn disagreement(sweeps: &[SweepValues], alone: &[(usize, Alone)], at: impl Fn(us
     all.max_by(|a, b| a.difference.total_cmp(&b.difference))
 }
 
-/// One sweep, fitted alone.
+/// One sweep, fitted separately.
 struct Alone {
     /// Mean place in the range (-1 to 1) and mean value of each bin.
     means: [Option<(f64, f64)>; BINS],
@@ -157,7 +157,7 @@ impl Alone {
     }
 
     /// How many times as large as noise makes it the parabola through the differences to another sweep is, root mean
-    /// square; `None` if they share too few bins. Sweeps of two recordings have two constants, which tell nothing.
+    /// square; `None` if they share too few bins. Sweeps of two recordings have two constants, which show nothing.
     fn against(&self, other: &Self, of_one_recording: bool) -> Option<f64> {
         let difference = |bin: usize| {
             let ((place, value), (_, against)) = (self.means[bin]?, other.means[bin]?);
@@ -258,7 +258,7 @@ mod tests {
         let width = |sweeps: &[SweepValues]| sweep_band(sweeps, [-4.0, 4.0]).unwrap().half_width;
         assert!((width(&both) - 0.1).abs() < 1e-9);
         assert!((width(&[&both[..], &[upper(0)]].concat()) - 1.0).abs() < 1e-9);
-        // Of another recording its constant is not known.
+        // The constant of another recording is not known.
         assert!((width(&[&both[..], &[upper(1)]].concat()) - 0.1).abs() < 1e-9);
     }
 

@@ -107,7 +107,7 @@ impl Attitude {
         let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
         let rounded = direction.iter().filter(|part| **part != 0.0 && part.abs() != 1.0).count() as f64;
         let step = 10_f64.powi(-i32::try_from(decimals).unwrap_or(i32::MAX));
-        // Of a unit vector whose digits end, the length is off by no more than they can be.
+        // The length of a unit vector whose digits end differs by no more than they can be.
         let looks_rounded =
             decimals > 0 && (length - 1.0).abs() <= rounded.sqrt() * step && (length - 1.0).abs() > EXACT;
         let left = 0.5 * step * rounded.sqrt();

@@ -81,7 +81,7 @@ impl Requirement {
     /// that a group of the run has, as far as the rows of the campaign show it. With accepted faults the bounds are at
     /// most `GATE_ACCEPTED` in any case; if a single position explains the residuals
     /// ([`Calibration::suspect_position`]) at most [`GATE_FLOOR`], because that position pulls the fit more at other
-    /// attitudes than at that of the run. Who knows better states bounds.
+    /// attitudes than at that of the run. A user who knows better states bounds.
     ///
     /// The bound of the gyroscopes: `gyroscopes::rate`.
     #[must_use]

@@ -269,7 +269,7 @@ impl Magnitudes {
                 }
                 (true, _) => (if hole.is_empty() { "met" } else { &met }, None),
                 (false, true) => ("the interval reaches over it", Some("rest longer at each attitude")),
-                (false, false) => ("missed", Some("calibrate anew, or look at the report")),
+                (false, false) => ("missed", Some("calibrate again, or look at the report")),
             };
             let message = format!("scale: {value}, {limit}: {word}");
             let met = remedy.is_none() && !self.made_the_table;
@@ -285,7 +285,7 @@ impl Magnitudes {
             found.push(Judgement {
                 bound,
                 met: false,
-                message: format!("{bound}: not judged, static poses in unknown attitudes show the length alone"),
+                message: format!("{bound}: not judged, static poses in unknown attitudes show only the magnitude"),
                 remedy: Some("record at one attitude, and state it"),
             });
         }

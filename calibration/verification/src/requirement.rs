@@ -1,8 +1,8 @@
 //! What is required of a table, and whether a recording at rest shows it.
 //!
-//! At one attitude the errors of bias, scale factor and misalignment cannot be told apart; so the bound `bias` judges
-//! the whole error of an axis, and `scale` the error of the length relative to gravity. `rate` judges the whole error
-//! of a gyroscope at rest. A bound is met only if the whole interval is within it.
+//! At one attitude the errors of bias, scale factor and misalignment cannot be distinguished; so the bound `bias`
+//! judges the whole error of an axis, and `scale` the error of the length relative to gravity. `rate` judges the whole
+//! error of a gyroscope at rest. A bound is met only if the whole interval is within it.
 
 use crate::evidence::OWN_RECORDING;
 use crate::stability::{Coverage, Stability};
@@ -62,7 +62,7 @@ impl FromStr for Requirement {
 /// One bound, or a bare factor.
 fn bound(part: &str) -> Result<Requirement, String> {
     if part.is_empty() {
-        return Err(format!("a bound beside a comma is empty; {REQUIREMENT_RULE}"));
+        return Err(format!("a bound next to a comma is empty; {REQUIREMENT_RULE}"));
     }
     let (name, value) = part.split_once('=').map_or(("factor", part), |(name, value)| (name.trim(), value.trim()));
     let mut found = Requirement::default();
@@ -72,7 +72,7 @@ fn bound(part: &str) -> Result<Requirement, String> {
         "scale" => (&mut found.scale, bounds::SCALE),
         "level" => (&mut found.level, bounds::LEVEL),
         "rate" => (&mut found.rate, bounds::RATE),
-        _ => return Err(format!("{name:?} is no bound; {REQUIREMENT_RULE}")),
+        _ => return Err(format!("{name:?} is not a bound; {REQUIREMENT_RULE}")),
     };
     *place = Some(kind.parse(value, REQUIREMENT_RULE)?);
     Ok(found)
@@ -273,7 +273,7 @@ impl BoundJudgement {
     }
 }
 
-const ANEW: &str = "calibrate anew, or look at the report";
+const ANEW: &str = "calibrate again, or look at the report";
 const LONGER: &str = "record longer";
 const COVER: &str =
     "record over the whole range of the table, or accept that a part of it is not judged: --accept not-covered";

@@ -3,8 +3,8 @@
 //! # Definition
 //! The paper prints no definition; this one is ours. The IMU is held still at a stated attitude while the temperature
 //! runs or steps through its range. The output is averaged over windows (10 s), and the specific force of the attitude
-//! is subtracted, in g0. Of these values each accelerometer has a standard deviation (about the mean) and an rms (about
-//! zero), which also shows a constant error.
+//! is subtracted, in g0. Each accelerometer has a standard deviation (about the mean) and an rms (about zero), which
+//! also shows a constant error.
 //!
 //! - **before**: with the coefficients frozen at the run's mid temperature,
 //! - **after**: with the full model,

@@ -4,7 +4,7 @@
 //! # Definition
 //! The windows of [`crate::stability`] are divided, in order of time, into groups of at least [`MIN_GROUP`] neighbours.
 //! A group's mean has little noise left, and it does not average over the run: it shows what temperature, its direction
-//! and the time do. Of the errors of the groups' means (output minus specific force) there are, for each accelerometer:
+//! and the time do. The errors of the groups' means (output minus specific force) there are, for each accelerometer:
 //!
 //! - **constant**: their mean. Its 95 % interval is Student's t of the means of ten equal parts of the run (fewer for a
 //!   short run), so that slow changes count.

@@ -1,6 +1,6 @@
-//! The commands of `isotherm` that work on files alone: calibration, verification, conversion and all that belongs to
-//! them. The program `isotherm` has them beside the live ones. The program of this crate has nothing else, and links no
-//! transport, so that it runs as WebAssembly, too.
+//! The commands of `isotherm` that work only on files: calibration, verification, conversion and all that belongs to
+//! them. The program `isotherm` has them in addition to the live ones. The program of this crate has nothing else, and
+//! links no transport, so that it runs as WebAssembly, too.
 
 pub mod commands;
 pub mod messages;
@@ -18,17 +18,17 @@ use std::process::ExitCode;
 
 /// Calibrate accelerometers and gyroscopes over temperature
 ///
-/// The commands of `isotherm` that work on files.
+/// Contains the commands of `isotherm` that work on files.
 #[derive(Debug, Parser)]
 #[command(name = "isotherm", version, propagate_version = true, arg_required_else_help = true)]
 struct OfflineProgram {
-    /// Print nothing to stderr but failures
+    /// Print only failures to stderr
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
     /// Print more messages
     ///
-    /// calibrate lists all faults and warnings of refused data then, not the first ten, also those that a diagnosis
-    /// explains
+    /// If data are refused, calibrate then lists all faults and warnings instead of the first ten, and also those that
+    /// a diagnosis explains
     #[arg(short, long, global = true)]
     verbose: bool,
     #[command(subcommand)]

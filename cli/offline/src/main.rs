@@ -1,4 +1,4 @@
-//! The program of the offline commands alone; all of its code is in the library.
+//! The program of only the offline commands; all of its code is in the library.
 
 use std::process::ExitCode;
 

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// Before this time and this share the time that is left is not shown: it would be a guess.
 const GUESS: (Duration, f32) = (Duration::from_secs(5), 0.05);
 
-/// A bar that is told of the reading.
+/// A bar that shows the reading.
 struct Bar(ProgressBar);
 
 impl Observer for Bar {

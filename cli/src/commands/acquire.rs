@@ -20,54 +20,54 @@ use tracing::info;
 
 /// Acquire samples from a device
 ///
-/// Acquire from a device: serial line, TCP, UDP, a file, or Linux' IIO.
+/// The device is a serial line, a TCP or UDP address, a file, or an IIO device of Linux.
 ///
-/// A description says what the bytes are and what their numbers stand for. Every control period becomes a sample, or a
-/// gap with its number, and every byte that is no frame is counted. Ends on SIGINT or SIGTERM; what was received until
-/// then is sent and kept.
+/// A description defines the format of the bytes and the meaning of their numbers. Every control period becomes a
+/// sample or a numbered gap. Every byte outside a frame is counted. Ends on SIGINT or SIGTERM; everything received
+/// until then is sent and recorded.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm acquire --list\n  isotherm acquire --probe /dev/ttyUSB0\n  isotherm acquire --profile stim300 > stim300.toml\n  isotherm acquire stim300.toml --dry-run --rows 5\n  isotherm acquire stim300.toml --nominal imu-a.toml\n  isotherm acquire stim300.toml --record flight.mcap"
 )]
 pub(crate) struct Acquire {
-    /// Description of the source
+    /// Read this description of the source
     #[arg(value_name = "SOURCE.toml", required_unless_present_any = ["list", "probe", "profile"])]
     source: Option<PathBuf>,
-    /// Name the IMU whose acquisition this is
+    /// Send the samples of this IMU
     ///
-    /// The IMU whose acquisition this is [default: that of the description]
+    /// Samples are sent as those of this IMU [default: the IMU of the description]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Read this device in place of the description's
+    /// Read this device instead of the description's
     ///
-    /// The device in the place of the description's: a serial line, a file, or an IIO device.
+    /// A serial line, a file, or an IIO device.
     #[arg(long, value_name = "PATH")]
     device: Option<PathBuf>,
     /// Record all samples, sent or not
     ///
-    /// Record all samples, sent or not; the name ends with .csv, .parquet or .mcap.
+    /// The name of the file ends with .csv, .parquet or .mcap.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]
     rotation: RotationArgs,
     /// Send nothing, and print the rows (CSV)
     ///
-    /// Send nothing, and print the rows as `feed` reads them (CSV).
+    /// The rows have the format that `feed` reads.
     #[arg(long)]
     dry_run: bool,
-    /// End after so many rows
+    /// End after this number of rows
     #[arg(long, value_name = "N", requires = "dry_run", value_parser = clap::value_parser!(u64).range(1..))]
     rows: Option<u64>,
-    /// Wait so long for a service [s]
+    /// Wait this long for a service [s]
     ///
-    /// How long to wait for a service that is not there [s]; for ever unless given.
+    /// Default: wait without a limit.
     #[arg(long, value_name = "S", value_parser = seconds)]
     timeout: Option<Duration>,
     #[arg(long, value_name = "FILE.prom", hide = true, value_parser = refuse_metrics)]
     metrics: Option<String>,
-    /// Write the nominal table, and end
+    /// Write the nominal table and end
     ///
-    /// Write the nominal table of the source, whose increments are the device's readings, and end.
+    /// With the nominal table of the source, the increments are the readings of the device.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["record", "dry_run"])]
     nominal: Option<PathBuf>,
     /// Show IIO devices, serial ports and profiles
@@ -75,12 +75,12 @@ pub(crate) struct Acquire {
     list: bool,
     /// Show which profile decodes a stream
     ///
-    /// Show which profile decodes the stream of this device, or of a file of its bytes.
+    /// Tries all profiles on the stream of this device, or on a file with its bytes.
     #[arg(long, value_name = "DEVICE", conflicts_with_all = ["source", "profile"])]
     probe: Option<PathBuf>,
     /// Set the rate of the line [Bd]
     ///
-    /// Rate of the line [Bd]; those of the profiles unless given.
+    /// Default: the rates of the profiles.
     #[arg(long, value_name = "B", requires = "probe", value_parser = clap::value_parser!(u32).range(50..=20_000_000))]
     baud: Option<u32>,
     /// Print this profile
@@ -91,7 +91,7 @@ pub(crate) struct Acquire {
     sysfs: PathBuf,
     /// Print tally, list or probe as JSON
     ///
-    /// Print the tally, the list or what was probed as JSON; a tally beside rows goes to stderr.
+    /// If rows go to stdout, the tally goes to stderr.
     #[arg(long)]
     json: bool,
 }

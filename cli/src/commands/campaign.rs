@@ -32,10 +32,10 @@ use tracing::warn;
 
 /// Drive chamber and turntable through a campaign
 ///
-/// Drive chamber and two-axis turntable through a campaign, and take its samples.
+/// Drives a temperature chamber and a two-axis turntable through a campaign, and records the samples.
 ///
-/// A plan names set points, positions, rules and instruments. The samples are tapped from the running service's raw
-/// stream; the folder that it writes is what `isotherm calibrate` reads.
+/// A plan defines set points, positions, rules and instruments. The samples are taken from the raw stream of the
+/// running service. `isotherm calibrate` reads the folder that the campaign writes.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -57,38 +57,38 @@ enum CampaignAction {
     Stop(StopCampaign),
 }
 
-/// Run the campaign, or go on with it
+/// Run a campaign, or continue it
 ///
-/// Run the campaign, or go on with the first dwell, turn, ramp or run that is missing.
+/// An interrupted campaign continues with the first missing dwell, turn, ramp or run.
 ///
-/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: turntable stopped, chamber in
-/// standby. Run it again to go on.
+/// SIGINT, SIGTERM, `isotherm campaign stop` and every error end in the safe state: the turntable is stopped, and the
+/// chamber goes to standby or to the ambient temperature that the plan states. To continue, run the command again.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm campaign run plan.toml\n  isotherm campaign run plan.toml --calibrate --require 10,bias=20ug0"
 )]
 struct RunCampaign {
-    /// The plan
+    /// Read this plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
     /// Fit the table after the campaign
     ///
-    /// Then fit the table, write its report, and evaluate the verification runs.
+    /// Also writes its report, and evaluates the verification runs.
     #[arg(long)]
     calibrate: bool,
     /// Install the table if it meets these bounds
     ///
-    /// With --calibrate: install the table if every verification run shows these bounds: a factor of stability, or
+    /// With --calibrate. Every verification run must meet the bounds: a factor of stability, or
     /// bias=20ug0,scale=50ppm,level=5arcsec.
     ///
-    /// Bounds that are not given come from the fit's own errors. A table that is worse than the one in force on the
-    /// same runs, or covers less of its range, is not installed; the predecessor of an installed table stays beside it
+    /// Bounds that are not given come from the errors of the fit. A table is not installed if it is worse than the one
+    /// in force on the same runs, or covers less of its range. The predecessor of an installed table is kept next to it
     /// (isotherm rollback)
     #[arg(long, value_name = "BOUNDS", requires = "calibrate")]
     require: Vec<Requirement>,
     /// Give the table an alignment matrix
     ///
-    /// Give the table an alignment matrix [default: as the table in force; without one, if the IMU needs it]
+    /// Default: as the table in force; if there is none, as the IMU needs it.
     #[arg(long, requires = "calibrate", conflicts_with = "no_alignment")]
     alignment: bool,
     /// Give the table no alignment matrix
@@ -96,55 +96,55 @@ struct RunCampaign {
     no_alignment: bool,
     /// Set the lag behind the temperature [s]
     ///
-    /// Time constant of the lag behind the temperature [s], for example that of a sister unit; or none, for a table
-    /// without transients [default: found in the ramps]
+    /// The time constant, for example that of another device of the same type; or none, for a table without transients
+    /// [default: found in the ramps]
     #[arg(long, value_name = "S|none", requires = "calibrate", value_parser = lag_choice)]
     lag: Option<LagChoice>,
-    /// Go on in spite of this fault
+    /// Continue in spite of this fault
     ///
-    /// Make the table in spite of a fault of this name; several with commas, or repeated.
+    /// Makes the table in spite of a fault of this name. Give several names with commas, or repeat the option.
     #[arg(long, value_name = "NAME", requires = "calibrate", value_delimiter = ',', value_parser = name::acceptable)]
     accept: Vec<&'static str>,
-    /// Take every warning for a fault
+    /// Treat every warning as a fault
     ///
-    /// Take every warning of the fit that is not accepted for a fault.
+    /// Applies to every warning of the fit that is not accepted.
     #[arg(long, requires = "calibrate")]
     strict: bool,
-    /// Take samples of another device, too
+    /// Accept samples of another device
     ///
-    /// Take the samples of another device than the plan's serial number says.
+    /// Accepts samples of a device whose serial number differs from that of the plan.
     #[arg(long)]
     other_device: bool,
     /// Set the speed of a simulated laboratory
     ///
-    /// Speed of a simulated laboratory: the waits of the plan are divided by N, the time-outs of the lines are not.
+    /// The waits of the plan are divided by N. The time-outs of the lines are not.
     #[arg(long, value_name = "N", default_value = "1", value_parser = speed)]
     speed: f64,
     /// Choose the format of log lines
     ///
-    /// Log lines for people or for machines; on a terminal there are bars instead.
+    /// On a terminal, progress bars take the place of log lines for people.
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
 }
 
 /// Validate a plan and print its time line
 ///
-/// Validate a plan, estimate how long it takes and print its time line.
+/// Also estimates the duration of the campaign.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign check plan.toml")]
 struct CheckCampaign {
-    /// The plan
+    /// Read this plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
 }
 
-/// Show how far a campaign has got
+/// Show the progress of a campaign
 ///
-/// Show a running campaign, or how far one has got, and what became of fit, verification and installation.
+/// Shows the progress of a running or interrupted campaign, and the results of fit, verification and installation.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign status plan.toml --json")]
 struct StatusCampaign {
-    /// The plan
+    /// Read this plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
     /// Print one JSON document
@@ -154,17 +154,17 @@ struct StatusCampaign {
 
 /// End a running campaign in the safe state
 ///
-/// End a running campaign in the safe state, and wait for that.
+/// Stops the campaign and waits until the safe state is reached.
 ///
-/// A file in the campaign's folder asks the runner, which may run in another container. If none answers within 5 s,
-/// this command goes into the safe state itself.
+/// A file in the campaign's folder asks the runner to stop, which may run in another container. If no runner answers
+/// within 5 s, this command sets the safe state itself.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm campaign stop plan.toml --timeout 300")]
 struct StopCampaign {
-    /// The plan
+    /// Read this plan
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
-    /// How long to wait [s]
+    /// Wait this long for the safe state [s]
     #[arg(long, value_name = "S", default_value = "120", value_parser = seconds)]
     timeout: Duration,
 }
@@ -257,7 +257,7 @@ impl RunCampaign {
     }
 }
 
-/// What a batch's plan says of each IMU: one line each. Empty if the IMU is alone.
+/// What a batch's plan says of each IMU: one line each. Empty if there is only one IMU.
 fn imus(plan: &Plan) -> String {
     let mut text = String::new();
     for plan in &plan.batch {
@@ -335,12 +335,12 @@ impl StatusCampaign {
             };
             print(&format!("{state}\n{line}{outcome}"))?;
         }
-        // The state is told even if the journal, or the lock of another user, cannot be read.
+        // The state is printed even if the journal, or the lock of another user, cannot be read.
         outcome?;
         runner?;
         if died {
-            let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` goes on, \
-                           `isotherm campaign stop` brings them into the safe state";
+            let message = "its runner has died, chamber and table are as it left them; `isotherm campaign run` \
+                           continues, `isotherm campaign stop` brings them into the safe state";
             return Err(Failure::new(Exit::Failed, message));
         }
         Ok(())
@@ -357,7 +357,7 @@ impl StopCampaign {
         match stopped {
             StopOutcome::Ended => {}
             StopOutcome::Nobody => {
-                let message = format!("{}: nobody runs this campaign", shown(&plan.output));
+                let message = format!("{}: no process runs this campaign", shown(&plan.output));
                 return Err(Failure::new(Exit::Unavailable, message));
             }
             StopOutcome::NoAnswer => {
@@ -373,8 +373,8 @@ impl StopCampaign {
     }
 }
 
-/// Brings chamber and table into the safe state: after a runner that ended without doing so, or beside one that does
-/// not answer, whoever holds the lock.
+/// Brings chamber and table into the safe state: after a runner that ended without doing so, or while one does not
+/// answer, whoever holds the lock.
 fn safe(plan: &Plan, beside_runner: bool) -> Result<(), Failure> {
     let _lock = if beside_runner { None } else { Some(CampaignLock::take(&plan.output)?) };
     let reason = if beside_runner { stop::STOPPED_BESIDE_RUNNER } else { stop::STOPPED_WITHOUT_RUNNER };

@@ -6,9 +6,9 @@ use isotherm_files::{check_stdout, check_written, print};
 use isotherm_service::clean::clean;
 use isotherm_support::failure::Failure;
 
-/// Remove what a domain has left behind
+/// Remove the remains of a domain
 ///
-/// Remove what a domain has left behind in shared memory and its folder, when nothing of it runs.
+/// Removes the files that a domain has left in shared memory and in its folder, if none of its processes is running.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm clean\n  isotherm clean --domain bench")]
 pub(crate) struct Clean {}

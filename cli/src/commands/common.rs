@@ -16,25 +16,25 @@ pub(super) fn options(domain: Domain, timeout: Duration) -> Options {
 pub(super) struct RotationArgs {
     /// Begin the next file at this size
     ///
-    /// Begin the next file at this size: bytes, or with k, M, G; files are then numbered, FILE-0001.csv.
+    /// In bytes, or with k, M or G. The files are then numbered, as in FILE-0001.csv.
     #[arg(long, value_name = "SIZE", value_parser = isotherm_offline::parse::bytes)]
     rotate_size: Option<u64>,
     /// Begin the next file after this time [s]
     ///
-    /// Begin the next file after this time [s]; files are then numbered, FILE-0001.csv.
+    /// The files are then numbered, as in FILE-0001.csv.
     #[arg(long, value_name = "S", value_parser = isotherm_offline::parse::seconds)]
     rotate_time: Option<Duration>,
-    /// Leave so much of the disk free
+    /// Leave this much of the disk free
     ///
-    /// Leave so much of the disk free: bytes, or with k, M, G; with less, rows wait as on a full disk.
+    /// In bytes, or with k, M or G. If less is free, rows wait as they do on a full disk.
     #[arg(long, value_name = "SIZE", value_parser = isotherm_offline::parse::bytes)]
     keep_free: Option<u64>,
-    /// Remove the oldest files for room
+    /// Delete the oldest files to free space
     ///
-    /// Remove the oldest numbered files of this name to keep the disk free.
+    /// Deletes numbered files of this name to keep the space of --keep-free.
     ///
-    /// Only what a recorder of this user has written under this name, the lowest number first, and never what is being
-    /// written
+    /// Only files that a recorder of this user has written under this name are deleted, the lowest number first, and
+    /// never a file that is still being written
     #[arg(long, requires = "keep_free")]
     delete_oldest: bool,
 }

@@ -24,57 +24,59 @@ use tracing::info;
 
 /// Longest single wait for an answer; signals and flushes are checked after each.
 const PAUSE: Duration = Duration::from_millis(50);
-/// How long connecting may take before the operator is told what is waited for. The place of a killed acquisition is
-/// free sooner.
+/// How long connecting may take before a message says what is waited for. The place of a killed acquisition is free
+/// sooner.
 const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Send a recording through the running service
 ///
-/// Send a recording through the running service, as an acquisition process does.
+/// Sends a recording through the running service, as an acquisition process does.
 ///
-/// Survives a service that dies and returns: what was unanswered is sent again, and each increment is written once, in
-/// order. If it ends early, what it has received stays in OUT.csv.partial, in whole rows.
+/// If the service dies and returns, unanswered samples are sent again, and each increment is written once, in order. If
+/// the command ends early, the increments received so far stay in OUT.csv.partial, in whole rows.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
 )]
 pub(crate) struct Feed {
-    /// The IMU whose acquisition this is
+    /// Send the samples of this IMU
     #[arg(long, value_name = "ID")]
     imu: ImuId,
     /// Send this recording of raw samples
     ///
-    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin.
+    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// order; - is stdin.
     ///
-    /// If it has several IMUs, only the samples of this one are sent
+    /// If the recording has several IMUs, only the samples of --imu are sent
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     /// Set the serial number of the device
     ///
-    /// Serial number of the device whose samples these are [default: the recording's column device]
+    /// The serial number of the device that the samples come from [default: the recording's column device]
     ///
-    /// The service flags samples of another device than the table's
+    /// The service flags samples of a device that the table was not made for
     #[arg(long, value_name = "S/N", value_parser = serial)]
     serial: Option<String>,
     #[command(flatten)]
     lag: LagArgs,
-    /// Where the increments go (CSV); - is stdout
+    /// Write the increments to this file (CSV)
+    ///
+    /// - is stdout
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
-    /// Send so many samples per second
+    /// Send this many samples per second
     ///
-    /// Samples per second; as fast as the service answers unless given.
+    /// Default: as fast as the service answers.
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
-    /// Keep at most so many samples in flight
+    /// Keep at most this many samples in flight
     ///
-    /// Most samples in flight; the depth of the service's queue unless given.
+    /// Default: the depth of the service's queue.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     window: Option<u64>,
-    /// Wait so long for a service [s]
+    /// Wait this long for a service [s]
     ///
-    /// How long to wait for a service that is not there, or does not answer [s]
+    /// Applies if no service is running, or if it does not answer.
     #[arg(long, value_name = "S", default_value = "15", value_parser = seconds)]
     timeout: Duration,
     /// Add a column with the delivery flags
@@ -288,7 +290,7 @@ impl Feeder {
         if !self.gyroscopes && !self.lost_angles && increment.angle_increment.iter().any(|angle| angle.is_finite()) {
             self.lost_angles = true;
             let message =
-                "warning: the table now has gyroscopes, which the output has no columns for; start the feed anew";
+                "warning: the table now has gyroscopes, which the output has no columns for; restart the feed";
             info!("{message}");
         }
     }

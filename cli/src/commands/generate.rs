@@ -7,14 +7,14 @@ use isotherm_support::failure::Failure;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Print the completions of a shell
+/// Print completions for a shell
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm completions bash > ~/.local/share/bash-completion/completions/isotherm
   isotherm completions zsh > ~/.zfunc/_isotherm
   isotherm completions fish > ~/.config/fish/completions/isotherm.fish")]
 pub(crate) struct Completions {
-    /// Print the completions of this shell
+    /// Print completions for this shell
     shell: Shell,
 }
 
@@ -32,7 +32,8 @@ const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 
 /// Print or write manual pages
 ///
-/// Print the manual page, or write those of all commands and programs and of the configuration into a folder.
+/// Prints the manual page of isotherm, or writes the pages of all commands, programs and the configuration into a
+/// folder.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm man | man -l -
@@ -40,7 +41,8 @@ const CONFIGURATION: &str = include_str!("../../../examples/service.toml");
 pub(crate) struct Man {
     /// Write all pages into this folder
     ///
-    /// Folder for isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and so on; made if it is not there.
+    /// The pages are isotherm.1, isotherm-serve.1, isothermd.1, isotherm-service.5 and others. The folder is created if
+    /// it does not exist.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }

@@ -18,10 +18,10 @@ use std::time::Duration;
 
 /// Record the streams of running IMUs
 ///
-/// Record raw samples and increments of running IMUs, without disturbing them.
+/// Records raw samples and increments of running IMUs, without disturbing them.
 ///
-/// Waits for the service, goes on over restarts of service and acquisition, and ends on SIGINT or SIGTERM. At every
-/// moment the files hold everything up to the last flush, even if the recorder is killed.
+/// Waits for the service, continues after restarts of service and acquisition, and ends on SIGINT or SIGTERM. The files
+/// always hold everything up to the last flush, even if the recorder is killed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
@@ -29,40 +29,40 @@ use std::time::Duration;
 pub(crate) struct Record {
     /// Record this IMU
     ///
-    /// An IMU to record; may be given several times.
+    /// Can be repeated.
     #[arg(long = "imu", value_name = "ID", required = true)]
     imus: Vec<ImuId>,
     /// Write the rows to this file
     ///
-    /// Where the rows go: .csv, .parquet or .mcap; {imu} in the name stands for the IMU; - is stdout (CSV).
+    /// The name ends with .csv, .parquet or .mcap. {imu} in the name stands for the IMU; - is stdout (CSV).
     ///
-    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, FILE.increments.csv. A file that exists is
+    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, and FILE.increments.csv. An existing file is
     /// never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Choose the format of the files
     ///
-    /// Format of the files, whatever their name ends with; ros is MCAP with sensor_msgs/msg/Imu.
+    /// Overrides the ending of the name. ros is MCAP with sensor_msgs/msg/Imu.
     #[arg(long, value_name = "FORMAT", value_parser = PossibleValuesParser::new(Format::NAMES.map(|(_, name)| name)).map(format))]
     format: Option<Format>,
-    /// Name a table for the ROS messages
+    /// Read the table for the ROS messages
     ///
-    /// Table of an IMU, for --format ros, which names it; may be given several times.
+    /// The coefficient table of an IMU, for --format ros. The messages then name it. Can be repeated.
     ///
-    /// Without it the messages only name the first 16 digits of the table's digest, and there is no
-    /// sensor_msgs/msg/Temperature, for which the unit of the temperature must be known to be degC.
+    /// Without it, the messages only contain the first 16 digits of the table's digest. There is then no
+    /// sensor_msgs/msg/Temperature, since that requires a temperature known to be in degC.
     #[arg(long = "table", value_name = "TABLE")]
     tables: Vec<PathBuf>,
     /// Record only this stream
     ///
-    /// Only this stream; both unless given, and raw if they go to stdout.
+    /// Default: both streams, or raw on stdout.
     #[arg(long, value_name = "STREAM", value_parser = PossibleValuesParser::new(StreamKind::BOTH.map(StreamKind::name)).map(stream))]
     stream: Option<StreamKind>,
     #[command(flatten)]
     rotation: RotationArgs,
-    /// Make rows visible and lasting so often [s]
+    /// Set the flush interval [s]
     ///
-    /// How often rows are made visible and lasting [s]
+    /// Rows are visible to other programs, and survive a crash, after a flush.
     #[arg(long, value_name = "S", default_value = "1", value_parser = seconds)]
     flush: Duration,
     /// End this long after the first row [s]
@@ -70,7 +70,7 @@ pub(crate) struct Record {
     duration: Option<Duration>,
     /// Set the real-time priority of the sampling thread
     ///
-    /// Real-time priority (SCHED_FIFO, 1 to 99) of the thread that takes the samples, which sleeps most of the time.
+    /// SCHED_FIFO, 1 to 99. This thread takes the samples; it sleeps most of the time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=99))]
     priority: Option<i32>,
 }

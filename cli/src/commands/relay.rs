@@ -22,28 +22,28 @@ const PAUSE: Duration = Duration::from_micros(500);
 /// How often dead peers are cleaned up and losses are logged.
 const HOUSEKEEPING: Duration = Duration::from_secs(1);
 
-/// Hand increments on into another domain
+/// Relay increments into another domain
 ///
-/// Hand increments on into another domain, from where a tunnel carries them to other machines.
+/// From that domain, a tunnel carries them to other machines.
 ///
-/// A reader like any other: it cannot disturb the service, and nothing comes back from the other domain. It may be
-/// started before the service and stays through its restarts. Runs until SIGTERM or SIGINT.
+/// The relay is a reader like any other: it cannot disturb the service, and nothing returns from the other domain. It
+/// can be started before the service, and continues after restarts of the service. Ends on SIGTERM or SIGINT.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm relay --imu imu-a --to net\n  isotherm --domain bench relay --imu imu-a --imu imu-b --to bench-net"
 )]
 pub(crate) struct Relay {
-    /// Hand on the increments of this IMU
+    /// Relay the increments of this IMU
     ///
-    /// An IMU whose increments are handed on; may be repeated.
+    /// Can be repeated.
     #[arg(long, value_name = "ID", required = true)]
     imu: Vec<ImuId>,
-    /// Hand them on into this domain
+    /// Relay into this domain
     ///
-    /// The domain that they go into: one without a service, for tunnels.
+    /// A domain without a service, for tunnels.
     #[arg(long, value_name = "NAME")]
     to: String,
-    /// Log lines for people or for machines
+    /// Choose the format of log lines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
 }
@@ -80,7 +80,8 @@ impl Relay {
             if Instant::now() >= due {
                 if let Some(object) = removed_object(&to) {
                     let message = format!(
-                        "{} was removed under the relay, so nobody can join domain {:?} any more; start the relay and the tunnel anew",
+                        "{} was removed under the relay, so no process can join domain {:?} any more; restart the \
+                         relay and the tunnel",
                         shown(&object),
                         to.name()
                     );
@@ -99,7 +100,7 @@ impl Relay {
 fn broken(phase: &str, cause: impl Display) -> Failure {
     Failure::new(
         Exit::Failed,
-        format!("{phase}: {cause}; stop all processes of the domain that increments go into, and start the relay anew"),
+        format!("{phase}: {cause}; stop all processes of the domain that increments go into, and restart the relay"),
     )
 }
 

@@ -8,22 +8,22 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::PathBuf;
 use tracing::info;
 
-/// Bring the predecessor of an installed table back
+/// Restore the predecessor of an installed table
 ///
-/// `campaign run --calibrate` keeps the table that it replaces as TABLE.previous. This exchanges the two in one step,
-/// which a running service notices at once. The same command again takes it back. A predecessor that is broken, or of
-/// another IMU, is refused.
+/// `campaign run --calibrate` keeps the table that it replaces as TABLE.previous. This command exchanges the two in one
+/// step, and a running service loads the table immediately. Running the command again undoes the exchange. A
+/// predecessor that is broken or of another IMU is refused.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm rollback /etc/isotherm/tables/imu-a.toml\n  isotherm rollback --imu imu-a /etc/isotherm/tables/imu-a.toml"
 )]
 pub(crate) struct Rollback {
-    /// Name the IMU whose table comes back
+    /// Name the IMU of the table
     ///
-    /// The IMU whose table comes back; needed if the installed table is broken or of another IMU.
+    /// Required if the installed table is broken or of another IMU.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// The installed table
+    /// Exchange this installed table with its predecessor
     #[arg(value_name = "TABLE")]
     table: PathBuf,
 }
@@ -34,12 +34,12 @@ impl Rollback {
         // What a killed installation has left is settled now; until the end no other one changes the files.
         let installation = Installation::lock(&self.table)?;
         let kept = installation.previous();
-        let (place, beside) = (shown(&self.table), shown(kept));
+        let (place, previous) = (shown(&self.table), shown(kept));
         if !kept.exists() {
-            return Err(failed(Exit::Io, format!("{place} has no predecessor: there is no {beside}")));
+            return Err(failed(Exit::Io, format!("{place} has no predecessor: there is no {previous}")));
         }
         if !self.table.exists() {
-            let cause = format!("there is no {place} to exchange; rename {beside} to it");
+            let cause = format!("there is no {place} to exchange; rename {previous} to it");
             return Err(failed(Exit::Io, cause));
         }
         // The installed table may be the broken one; its predecessor must be whole, and of the same IMU.
@@ -54,7 +54,7 @@ impl Rollback {
             failed(failure.exit, failure.to_string())
         })?;
         if present.as_ref().is_some_and(|present| *present == back) {
-            return Err(failed(Exit::Failed, format!("{beside} has the same table as {place}")));
+            return Err(failed(Exit::Failed, format!("{previous} has the same table as {place}")));
         }
         match present {
             Some(present) => {
@@ -63,6 +63,6 @@ impl Rollback {
             None => info!("note: the broken table does not show whether the axes turn"),
         }
         installation.roll_back()?;
-        print(&format!("{place} is {} again; its successor is kept as {beside}\n", back.digest()))
+        print(&format!("{place} is {} again; its successor is kept as {previous}\n", back.digest()))
     }
 }

@@ -30,10 +30,10 @@ const WHOLE_TURNS_DEG: f64 = 720.0;
 
 /// Simulate an IMU with known coefficients
 ///
-/// Make a campaign, ramps or a temperature run of a simulated IMU whose coefficients are known, or run a simulated
-/// station.
+/// Makes a campaign, ramps or a temperature run of a simulated IMU with known coefficients, or runs a simulated
+/// laboratory.
 ///
-/// The coefficients that the data come from are written beside them as truth.toml.
+/// The true coefficients are written to truth.toml, next to the data.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
@@ -59,8 +59,8 @@ enum Simulation {
 
 /// Simulate a campaign on a turntable
 ///
-/// A campaign on a two-axis turntable in a temperature chamber: campaign.toml, samples.csv, truth.toml, and ramps if
-/// you like.
+/// Simulates a two-axis turntable in a temperature chamber. Writes campaign.toml, samples.csv and truth.toml, and with
+/// --ramps also ramps.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate campaign -o campaign\n  isotherm simulate campaign -o hundred --vary --seed 100 --set-points -20:40:10 --positions six-faces-six-edges\n  isotherm simulate campaign -o fast --interval 0.01 --temperature-every 1 --vibration 0.01,35\n  isotherm simulate campaign -o whole --gyroscopes --latitude -33.9\n  isotherm simulate campaign -o moving --lag 240 --transient 35,-20,12 --ramps"
@@ -68,56 +68,56 @@ enum Simulation {
 struct SimulateCampaign {
     #[command(flatten)]
     imu: SimulatedImuOptions,
-    /// Positions of the turntable at each set point
+    /// Choose the positions at each set point
     #[arg(long, value_name = "NAME", default_value = Scheme::NAMES[0].1, value_parser = one_of(Scheme::NAMES))]
     positions: Scheme,
     /// Set the set points of the chamber [degC]
     ///
-    /// Set points of the chamber [degC], both ends included.
+    /// Both ends are included.
     #[arg(long, value_name = "FROM:TO:STEP", default_value = "-25:45:5", allow_hyphen_values = true, value_parser = set_points)]
     set_points: SetPoints,
-    /// Soak so long at each set point [s]
+    /// Set the soak time per set point [s]
     ///
-    /// From leaving a set point to the first move at the next, the ramp of 1 degC/min included [s]
+    /// The time from leaving a set point to the first move at the next one, including the ramp of 1 degC/min
     #[arg(long, value_name = "S", default_value = "4200", value_parser = seconds)]
     soak: Duration,
-    /// Rest in each position [s]
+    /// Set the dwell time in each position [s]
     #[arg(long, value_name = "S", default_value = "300", value_parser = seconds)]
     dwell: Duration,
-    /// Period of a row [s]
+    /// Set the interval of the rows [s]
     #[arg(long, value_name = "S", default_value = "10", value_parser = interval)]
     interval: Duration,
     /// Tilt the turntable's base [arcsec]
     ///
-    /// Tilt of the turntable's base about the laboratory's X and Y [arcsec]; 8.3,-12.4 unless given or drawn.
+    /// About the laboratory's X and Y. Default: 8.3,-12.4, unless --vary draws it.
     #[arg(long, value_name = "TX,TY", allow_hyphen_values = true, value_parser = numbers::<2>)]
     tilt: Option<[f64; 2]>,
     /// Set the error of the angles [arcsec]
     ///
-    /// Error of the turntable's angles in each dwell, one sigma [arcsec]
+    /// One sigma, drawn for each dwell
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
     /// Set the angle of the turns [deg]
     ///
-    /// Angle of the six turns at each set point [deg]; 720 unless given; only with gyroscopes.
+    /// Of the six turns at each set point. Default: 720. Only with gyroscopes.
     #[arg(long, value_name = "DEG", value_parser = one_of([(360.0, "360"), (720.0, "720")]))]
     turn_angle: Option<f64>,
-    /// Record ramps too, at these rates [degC/h]
+    /// Add ramps at these rates [degC/h]
     ///
-    /// Record ramps too, from the first set point to the last and back, with A3 up and holds of 1800 s: ramp-1.csv and
-    /// one more for each rate [degC/h]
+    /// The ramps run from the first set point to the last and back, with A3 up and holds of 1800 s. Each rate has a
+    /// file: ramp-1.csv and so on
     #[arg(long, value_name = "R1,R2", num_args = 0..=1, default_missing_value = RATES, value_parser = rates)]
     ramps: Option<Rates>,
-    /// Read the temperature so often [s]
+    /// Set the interval of temperature readings [s]
     ///
-    /// Time between two temperature readings [s]; 0 for a reading in every row.
+    /// 0 gives a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     temperature_every: f64,
 }
 
 /// Simulate a temperature run at rest
 ///
-/// A temperature run at rest, ramped from cold to hot, or both ways: run.csv, truth.toml.
+/// The temperature rises from cold to hot, and with --both-ways it also falls again. Writes run.csv and truth.toml.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate run -o run\n  isotherm simulate run -o run --truth campaign/truth.toml --seed 2\n  isotherm simulate run -o fast --interval 0.01 --temperature-every 1 --ramp 60\n  isotherm simulate run -o whole --gyroscopes\n  isotherm simulate run -o moving --lag 240 --transient 35,-20,12 --both-ways"
@@ -125,33 +125,33 @@ struct SimulateCampaign {
 struct SimulateRun {
     #[command(flatten)]
     imu: SimulatedImuOptions,
-    /// Control period [s]
+    /// Set the control period [s]
     #[arg(long, value_name = "S", default_value = "0.1", value_parser = interval)]
     interval: Duration,
     /// Set the direction of the specific force
     ///
-    /// Direction of the specific force along A1, A2, A3; any length.
+    /// Along A1, A2, A3. The magnitude of the vector does not matter.
     #[arg(long, value_name = "A1,A2,A3", default_value = "0.60,-0.48,0.64", allow_hyphen_values = true, value_parser = direction)]
     attitude: [f64; AXES],
-    /// First and last temperature of the chamber [degC]
+    /// Set the first and last temperature [degC]
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
-    /// Ramp of the chamber [degC/h]
+    /// Set the ramp of the chamber [degC/h]
     #[arg(long, value_name = "DEGC/H", default_value_t = 20.0, value_parser = isotherm_offline::parse::ramp)]
     ramp: f64,
-    /// Ramp back too, and hold again
+    /// Also ramp back, and hold again
     ///
-    /// Ramp back too, and hold again: heating and cooling.
+    /// The run then has heating and cooling.
     #[arg(long)]
     both_ways: bool,
-    /// Hold so long before and after ramps [s]
+    /// Set the hold before and after ramps [s]
     ///
-    /// Hold before the ramp, and again after each [s]
+    /// The chamber holds before the first ramp, and after each ramp
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
-    /// Read the temperature so often [s]
+    /// Set the interval of temperature readings [s]
     ///
-    /// Time between two temperature readings [s]; 0 for a reading in every row.
+    /// 0 gives a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     temperature_every: f64,
 }
@@ -267,7 +267,7 @@ impl SimulateRun {
     }
 }
 
-/// The ramps beside the positions of `schedule`.
+/// The ramps next to the positions of `schedule`.
 fn ramps_beside(truth: &Truth, schedule: &CampaignSchedule, rates: &Rates) -> Result<RampRecordings, Failure> {
     let CampaignSchedule { interval_ns, chain, noise, .. } = *schedule;
     let mut ends_c = schedule.set_points_c.iter().copied();

@@ -11,8 +11,8 @@ use std::io::{self, IsTerminal as _};
 
 /// Watch the running service on a live screen
 ///
-/// Waits for a service that is not there, and goes on when it returns. Keys: q quits, up and down select an IMU, p
-/// pauses, ? shows the rest. NO_COLOR switches colours off.
+/// Waits if no service is running, and continues when it returns. Keys: q quits, up and down select an IMU, p pauses, ?
+/// shows all others. NO_COLOR switches colours off.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm top\n  isotherm top --domain bench\n  ssh -t vehicle sudo -u isotherm isotherm top"

@@ -198,7 +198,7 @@ mod tests {
         assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (20, 0));
         take_all(&mut counts, Increment, 1, [15, 10, 29].into_iter().chain(11..15).chain(16..29));
         assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (0, 0));
-        // Of a longer hole the begin is lost at once, the rest when 64 more have come, or in the next session.
+        // The beginning of a longer hole is lost at once, the rest when 64 more have come, or in the next session.
         take_all(&mut counts, Increment, 1, [132, 133].into_iter());
         assert_eq!((counts.tally(Increment).missing, counts.lost(Increment)), (100, 37));
         take_all(&mut counts, Increment, 1, 134..=195);

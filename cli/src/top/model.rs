@@ -38,7 +38,7 @@ pub(super) struct Model {
 
 /// The conditions of an IMU, the first that applies is shown; and what each means, with its remedy.
 pub(crate) const STATES: &[(&str, &str)] = &[
-    ("not served", "Bad: the service does not answer; the line above says why. It goes on by itself."),
+    ("not served", "Bad: the service does not answer; the line above says why. It continues automatically."),
     ("stands still", "Bad: the worker's loop has not turned for a second: `isotherm explain stands_still`."),
     ("first table", "To be looked into: it waits for its first table, and increments are NaN: install the file."),
     ("no table", "Bad: the service has no table for it yet, and increments are NaN: install the file."),
@@ -148,8 +148,8 @@ impl Model {
         self.table.select(Some((self.selected() + count - 1) % count));
     }
 
-    /// The newest status that is at least `age_ns` older than the last one, or else the oldest. `None` if there is only
-    /// one status.
+    /// The newest status that is at least `age_ns` older than the last one, otherwise the oldest. `None` if there is
+    /// only one status.
     fn before(&self, age_ns: u64) -> Option<&ServiceStatus> {
         let newest = self.status()?.taken_ns;
         let old_enough = |status: &&ServiceStatus| status.taken_ns + age_ns <= newest;

@@ -84,7 +84,7 @@ fn one_bad_imu_of_three_is_dropped_and_the_others_are_as_alone() {
     assert!(!at("tables/imu-c.toml").exists() && !at("reports/imu-c.html").exists());
     assert_self_contained(&at("reports/imu-b.html"), &["imu-b", "Error budget"]);
     assert_page(&at("batch.html"), 2, &["imu-c is dropped", "[interval]", "A1 bias slope", "One curve for all"]);
-    // Alone: the same file, and a choice.
+    // By itself: the same file, and a choice.
     for imu in ["imu-a", "imu-b"] {
         run(folder.path(), 0, &["calibrate", "turntable", "campaign.toml", "-o", "alone/{imu}.toml", "--imu", imu]);
         let [table, alone] = ["tables", "alone"].map(|name| timeless(&at(&format!("{name}/{imu}.toml"))));

@@ -72,12 +72,12 @@ fn the_closed_loop() {
     let (out, err) = verified(&["--require", "1e6,bias=0.1ug0"], 1);
     assert!(
         err.contains("is not met:\n  factor of stability: ")
-            && err.ends_with("\nremedy: calibrate anew, or look at the report\n"),
+            && err.ends_with("\nremedy: calibrate again, or look at the report\n"),
         "{err}"
     );
     assert!(err.contains("at least 1000000 is required: missed") && out.contains("Output stability"), "{err}");
     assert!(err.contains("at most 0.100 ug0 is required: missed"), "{err}");
-    // Of an output with the wrong length for a body at rest nothing is claimed, and it meets no requirement.
+    // If an output has the wrong magnitude for a body at rest, nothing is claimed, and it meets no requirement.
     let raw = fs::read_to_string(at("run/run.csv")).unwrap();
     let mut lines = raw.lines();
     let header = lines.next().unwrap();
@@ -112,8 +112,7 @@ fn the_closed_loop() {
     let (out, err) = run(folder.path(), 1, &part);
     assert!(err.contains("is not met:\n  Nothing can be claimed: 1580 of 1620 windows"), "{err}");
     assert!(out.contains(" ug0, at most 20.000 ug0 is required: not judged"), "{out}");
-    // The first rows are at one temperature, and show nothing of the others. Of fewer than 12 windows nothing is
-    // judged.
+    // The first rows are at one temperature, and show nothing of the others. Fewer than 12 windows are not judged.
     let first =
         |rows: usize| fs::write(at("first.csv"), raw.lines().take(1 + rows).collect::<Vec<_>>().join("\n") + "\n");
     let arguments =
@@ -249,7 +248,7 @@ fn a_mistake_is_one_line_and_faults_can_be_accepted_by_name() {
     assert!(all.lines().next() == err.lines().next() && all.lines().count() > 20, "{all}");
     assert!(all.contains("fault [wrong-position]: ") && all.contains("samples.csv:"), "{all}");
     assert!(!folder.path().join("t.toml").exists());
-    // The diagnosis alone is not enough: the last line has all that must be accepted.
+    // The diagnosis is not enough: the last line has all that must be accepted.
     let err = calibrate(65, &["--accept", "positions-exchanged"]);
     assert!(err.lines().count() <= 12, "{err}");
     assert!(err.lines().last().unwrap().ends_with(": --accept positions-exchanged,wrong-position"), "{err}");

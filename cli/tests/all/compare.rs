@@ -69,7 +69,7 @@ fn years_of_tables() {
     assert!(err.ends_with(": undecided\nremedy: a longer campaign has smaller errors\n"), "{err}");
     let (out, err) = bounds(1, ["2023.toml", "no_covariance.toml"], "bias=2ug0");
     assert!(
-        out.contains("the values alone decide") && err.contains("5.130 ug0, errors not known, at most 2.000"),
+        out.contains("only the values decide") && err.contains("5.130 ug0, errors not known, at most 2.000"),
         "{out}{err}"
     );
     for (name, reason) in [
@@ -82,7 +82,7 @@ fn years_of_tables() {
     }
     compare(0, &["2023.toml", "other_imu.toml", "--other-device"]);
     for (text, reason) in
-        [("bias=2", "give a number with a unit"), ("10", "is no bound"), ("bias=2ug0,bias=2ug0", "given twice")]
+        [("bias=2", "give a number with a unit"), ("10", "is not a bound"), ("bias=2ug0,bias=2ug0", "given twice")]
     {
         let (_, err) = bounds(64, ["2023.toml", "2024.toml"], text);
         assert!(err.contains(reason), "{err}");
@@ -148,7 +148,7 @@ fn gyroscopes() {
     let judged =
         |name: &str| out.lines().filter(|line| line.contains(name) && line.ends_with("required: within")).count();
     assert_eq!((judged("deg/h"), judged("ppm"), judged("ug0")), (3, 12, 3), "{out}");
-    // Beside a table without gyroscopes only the accelerometers are compared, and no bound of a gyroscope is met.
+    // Next to a table without gyroscopes only the accelerometers are compared, and no bound of a gyroscope is met.
     let text = fs::read_to_string(folder.path().join("whole.toml")).unwrap();
     let bare = &text[..text.find("[[gyroscope]]").unwrap()];
     let bare: String =

@@ -11,7 +11,7 @@ const READINGS: &str = "t,x,y,z\n0.01,1,2,3\n0.02,1,2,3\n0.03,1,2,3\n0.07,1,2,3\
 const MAPPING: &str = "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 0.01\n[accelerometer]\n\
      columns = [\"x\", \"y\", \"z\"]\nkind = \"reading\"\n[temperature]\nconstant = 25\n";
 
-/// A warning is told, is a fault with `--strict`, and with `--accept` its name alone. The refusal as JSON has it.
+/// A warning is printed, is a fault with `--strict`, and with `--accept` only its name. The refusal as JSON has it.
 fn is_judged(folder: &Path, command: &[&str], name: &str, json: bool) {
     let with = |code, more: &[&str]| run(folder, code, &[command, more].concat());
     let (_, told) = with(0, &[]);

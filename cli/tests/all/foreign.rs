@@ -42,7 +42,7 @@ fn assert_equal(folder: &Path, command: &[&str], recording: &[&str], data: &[&st
     let (converted, of_recording) = run(folder, 0, &[command, recording].concat());
     let (direct, of_data) = run(folder, 0, &[command, data].concat());
     assert!(converted == direct, "{command:?} {data:?}");
-    // What the conversion tells comes first.
+    // What the conversion reports comes first.
     let said = of_recording.replace(recording[0], data[0]);
     assert!(said.lines().all(|line| of_data.lines().any(|other| other == line)), "{said}\n--\n{of_data}");
     of_data
@@ -167,9 +167,13 @@ fn what_is_wrong_with_data_or_options_has_line_key_and_remedy() {
         (&["letter.csv", "--mapping", "still.toml"], 65, "letter.csv:201: t_s is \"2.o00\""),
         (&["late.csv", "--mapping", "still.toml"], 65, "late.csv:7001: t_s is \"7o.00\""),
         (&["still.csv", "--mapping", "still.toml", "--topic", "/imu"], 64, "a topic is named, but this is not MCAP"),
-        (&["still.csv", "--mapping", "still.toml", "--instance", "1"], 64, "an instance is named, but this is no log"),
+        (
+            &["still.csv", "--mapping", "still.toml", "--instance", "1"],
+            64,
+            "an instance is named, but this is not a log",
+        ),
         (&["log.ulg.gz"], 65, "log.ulg.gz: compressed with gzip; unpack it first"),
-        // A recording is told what it lacks.
+        // The message about a recording says what it lacks.
         (&["lacks.csv"], 65, "lacks.csv:1: missing columns: interval_ns; found: sequence, timestamp_ns, interval"),
         (&["run.csv", "--mapping", "still.toml"], 64, &format!("{needless}mapping")),
         (&["run.csv", "--interval", "0.01", "--temperature", "-5"], 64, &format!("{needless}temperature, interval")),
@@ -236,8 +240,8 @@ fn the_nominal_table_gives_readings_back_and_is_refused_where_no_unit_is_known()
     assert!(fs::read_to_string(folder.join("n.toml")).unwrap().contains("unit = \"V\""));
 }
 
-/// Who forgets the kind of the job, or gives a file of another one, is told what the file is and which command reads
-/// it.
+/// A user who forgets the kind of the job, or gives a file of another one, gets a message about what the file is and
+/// which command reads it.
 #[test]
 fn a_file_of_another_kind_is_named_with_the_command_that_reads_it() {
     const ULG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.ulg");

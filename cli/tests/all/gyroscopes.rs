@@ -471,7 +471,7 @@ fn samples_of_another_device_are_refused() {
     let err = calibrate(folder.path(), 65, &[]);
     let [seven, eight] = ["S/N 7", "S/N 8"].map(|serial| format!("{:016x}", device(serial)));
     let expected = format!(
-        "fault [other-device]: samples.csv:2: the unit {seven} took the row, but \"S/N 8\", the serial number of the campaign file, is the unit {eight};"
+        "fault [other-device]: samples.csv:2: the row is from device {seven}, but \"S/N 8\", the serial number of the campaign file, is device {eight};"
     );
     assert!(err.contains(&expected), "{err}");
     for option in [&["--other-device"][..], &["--accept", "other-device"]] {
@@ -486,7 +486,7 @@ fn samples_of_another_device_are_refused() {
     header();
     let err = calibrate(folder.path(), 65, &[]);
     let expected =
-        format!("samples.csv:{}: the unit {eight} took the row, and the unit {seven} those before;", first(15));
+        format!("samples.csv:{}: the row is from device {eight}, and those before are from device {seven};", first(15));
     assert!(err.contains(&expected), "{err}");
     let document = document(folder.path(), 65, &[]);
     assert_eq!(document["findings"][0]["name"], "other-device");

@@ -135,7 +135,7 @@ fn a_split_bag_is_one_recording_for_every_command() {
         .map(|(topic, imu)| (*topic, ImuMessage { stamp_ns: imu.stamp_ns + 100_000_000_000, ..imu.clone() }));
     bag(&folder.join("later.mcap"), &later.collect::<Vec<_>>());
     let (_, err) = run(folder, 64, &["convert", "drive", "later.mcap", "-o", "joined.csv"]);
-    assert!(err.contains("make it, and name it with -o: later.mcap does not go on where"), "{err}");
+    assert!(err.contains("make it, and name it with -o: later.mcap does not continue where"), "{err}");
     let (_, err) = run(folder, 0, &["convert", "later.mcap", "drive", "-o", "runs"]);
     assert!(err.contains("800 rows in runs/later.csv"), "{err}");
     assert!(fs::read_to_string(folder.join("runs/later.csv")).unwrap().contains("\n1,0,"));

@@ -67,7 +67,7 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
         let rows: Vec<_> = text.lines().collect();
         assert!(rows[0].starts_with(header) && rows[1..].iter().all(|row| row.starts_with(session)), "{}", rows[1]);
         run(folder, 0, &["convert", name, "--mapping", "m.toml", "-o", &format!("plain-{name}")]);
-        // Besides the column the samples are the same.
+        // Apart from the column the samples are the same.
         let plain = fs::read_to_string(folder.join(format!("plain-{name}"))).unwrap();
         assert!(rows.iter().map(|row| row.split_once(',').unwrap().1).eq(plain.lines()));
         run(folder, 0, &["convert", name, "--mapping", "m.toml", "--session", &session[..1], "-o", "one.csv"]);
@@ -85,7 +85,7 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
         assert!(err.contains("the longest stretch without a gap, a movement, a new session"), "{err}");
     }
     assert!(replayed[0] == replayed[1] && replayed[0].lines().count() == 33_601);
-    // With a table, gravity tells that the data are in another unit.
+    // With a table, gravity shows that the data are in another unit.
     fs::write(folder.join("milli.toml"), MAPPING.replace("resolution = 1e-5", "resolution = 1e-2")).unwrap();
     for (mapping, words) in [("m.toml", None), ("milli.toml", Some("[not-gravity]: 0.001002 g0 at rest"))] {
         let command = ["convert", "cold.csv", "--mapping", mapping, "--table", "t.toml", "-o", "again.csv"];

@@ -1,5 +1,5 @@
-//! `calibrate` with ramps, as a user types it: beside positions and alone, with a time constant that is found, given or
-//! refused, and what becomes of recordings that show nothing.
+//! `calibrate` with ramps, as a user types it: next to positions and without them, with a time constant that is found,
+//! given or refused, and what becomes of recordings that show nothing.
 
 use crate::common::{assert_self_contained, folder, run};
 use isotherm_shared::table::{Axis, CoefficientTable};
@@ -17,7 +17,7 @@ const TRUTH: [(f64, f64); 3] = [(35.0 * 240.0, 0.10), (-20.0 * 240.0, 0.10), (12
 /// Bounds of the rms of the sweeps left out, without and with what is written \[ug0\].
 const LEFT_OUT: [(f64, f64); 3] = [(6.0, 1.2), (3.3, 1.3), (2.2, 1.2)];
 
-/// The campaign with ramps beside its positions, and with ramps alone, in `folder`.
+/// The campaign with ramps next to its positions, and with only ramps, in `folder`.
 fn campaigns(folder: &Path) {
     let text = fs::read_to_string(format!("{DATA}/campaign.toml")).unwrap();
     for name in ["ramp-1.csv", "ramp-2.csv"] {
@@ -93,7 +93,7 @@ fn the_known_lag_is_written() {
     }
     let checked = |file| run(folder.path(), 0, &["check", file]);
     assert!(checked("beside.toml").0.contains("12 positions that observe everything, 2 ramps"));
-    assert!(checked("alone.toml").0.contains("2 ramps alone, curves of static.toml"));
+    assert!(checked("alone.toml").0.contains("2 ramps only, curves of static.toml"));
     checked("table.toml");
 }
 

@@ -239,7 +239,7 @@ fn a_table_takes_its_own_imu_of_a_log_and_another_one_is_said() {
     for accepted in [&["--other-device"][..], &["--accept", "other-device"]] {
         assert!(verify(0, &[&["--instance", "0"], accepted].concat()).contains(&format!("warning {other}")));
     }
-    // The rows of a conversion have the device alone.
+    // The rows of a conversion have only the device.
     let (_, err) =
         run(folder, 0, &["convert", "warm.log", "-o", "run-{instance}.csv", "--nominal", "n-{instance}.toml"]);
     assert!(err.contains("600 rows in run-0.csv") && err.contains("600 rows in run-1.csv"), "{err}");
@@ -249,7 +249,7 @@ fn a_table_takes_its_own_imu_of_a_log_and_another_one_is_said() {
     assert!(
         err.contains("run-0.csv: the rows name another device than the log that made the table, which is of IMU 1")
     );
-    // Of a log with other IMUs alone there is no own one.
+    // A log with only other IMUs has no own one.
     let text = read(folder, "warm.log").replace("3080202", "77").replace("2753028", "78");
     fs::write(folder.join("other.log"), text).unwrap();
     let err = replay(64, "1.toml", &["other.log"]);

@@ -142,16 +142,16 @@ pub(crate) fn with(
     enter(unsafe { acquisition.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// How an acquisition reaches the service, and what it tells it. A field that is 0 or NULL has its default, so begin
-/// with `isotherm_options options = {0};`.
+/// How an acquisition reaches the service, and what it reports to it. A field that is 0 or NULL has its default, so
+/// begin with `isotherm_options options = {0};`.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub struct isotherm_options {
     /// sizeof(isotherm_options), or 0. A later version may add fields at the end: it reads only those that the size
     /// has, and with 0 those of this version.
     pub size: u64,
-    /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain, else it
-    /// is "default".
+    /// Name of the service's domain. If it is NULL, the environment variable ISOTHERM_DOMAIN names the domain,
+    /// otherwise it is "default".
     pub domain: *const c_char,
     /// How long connecting may take [ns]. This includes waiting for a service that has not started yet. 0 is the
     /// default, 5 s; ISOTHERM_NO_WAIT does not wait.
@@ -268,8 +268,8 @@ pub unsafe extern "C" fn isotherm_cancel(
 /// Adds the next control period to a sample: pulses and intervals are summed, timestamp, temperature and device become
 /// the later ones, session, sequence and `sent_ns` stay. An `interval_ns` of 0, which is not known, stays 0, and the
 /// sum is flagged ISOTHERM_FLAG_INTERVAL. If `later` is on loan from this acquisition, its loan is cancelled, as by
-/// isotherm_cancel: its pointer must not be used any more. Else it does not change. Either may be a sample of your own;
-/// `acquisition` may be NULL if both are.
+/// isotherm_cancel: its pointer must not be used any more. Otherwise, it does not change. Either may be a sample of
+/// your own; `acquisition` may be NULL if both are.
 ///
 /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
 /// in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
@@ -345,7 +345,7 @@ pub unsafe extern "C" fn isotherm_keep(
 /// millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
 /// isotherm_receive. Without anything kept it does nothing.
 ///
-/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept tells. ISOTHERM_ERROR_TRANSPORT: the sum that was
+/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the sum that was
 /// being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_send_kept(acquisition: *mut isotherm_acquisition) -> isotherm_code {

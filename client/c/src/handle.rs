@@ -55,7 +55,7 @@ const BUSY: CodedError = CodedError::fixed(
 );
 const FORKED: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_FORKED,
-    c"the handle is of the process that this one was forked from; connect anew in the child",
+    c"the handle is of the process that this one was forked from; connect again in the child",
 );
 const INTERNAL: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_INTERNAL,

@@ -126,9 +126,9 @@ pub unsafe extern "C" fn isotherm_restore_lag(
     })
 }
 
-/// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
-/// saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms, until the
-/// readings span three time constants.
+/// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a restart
+/// without a saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms,
+/// until the readings span three time constants.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]

@@ -26,8 +26,8 @@ fn with(
     enter(unsafe { reader.as_ref() }.map(|handle| &handle.0), work)
 }
 
-/// Creates a reader that connects at once if the service is there, and else in a later call, as soon as it is; does not
-/// wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
+/// Creates a reader that connects at once if the service is there, and otherwise in a later call, as soon as it is;
+/// does not wait for it. `domain` is as in isotherm_options. Close the handle with isotherm_reader_close.
 ///
 /// If isotherm_reader_is_connected is true then, nothing is missed that is published from now on. If it is false, what
 /// is published before the call that connects it is not received. What prevents it from ever connecting is the error of
@@ -96,8 +96,8 @@ pub unsafe extern "C" fn isotherm_reader_receive(
     })
 }
 
-/// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service tells that increments are there.
-/// For the least delay call isotherm_reader_receive in a loop.
+/// As isotherm_reader_receive, but waits up to `timeout_ns`: sleeps until the service signals that increments are
+/// there. For the least delay call isotherm_reader_receive in a loop.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reader_receive_timeout(
     reader: *mut isotherm_reader,

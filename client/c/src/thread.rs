@@ -22,8 +22,8 @@ pub extern "C" fn isotherm_monotonic_ns() -> u64 {
     isotherm_client::monotonic_ns()
 }
 
-/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not tell it. Save
-/// it with isotherm_save_lag: times of another start are of another clock.
+/// The number of the machine's present start, with which CLOCK_MONOTONIC began; 0 if the kernel does not report it.
+/// Save it with isotherm_save_lag: times of another start are of another clock.
 #[unsafe(no_mangle)]
 pub extern "C" fn isotherm_boot() -> u64 {
     isotherm_client::boot()

@@ -103,7 +103,7 @@ fn no_declaration_has_vanished_or_changed_under_this_soname() {
     );
 }
 
-/// The Debian package tells which version each symbol came with.
+/// The Debian package states which version each symbol came with.
 #[test]
 fn every_function_has_the_version_that_it_came_with() {
     let code: Vec<_> = HEADER.lines().filter(|line| !line.starts_with([' ', '/', '#'])).collect();

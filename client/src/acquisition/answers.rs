@@ -62,7 +62,7 @@ impl Acquisition {
     /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
     ///
     /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), at
-    /// most [`depth`](Self::depth) of them. [`late`](Self::late) tells of them, and goes on to wait for the increment.
+    /// most [`depth`](Self::depth) of them. [`late`](Self::late) reports them, and continues to wait for the increment.
     ///
     /// # Errors
     /// [`CompensateError`].

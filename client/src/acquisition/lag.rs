@@ -1,4 +1,4 @@
-//! What an acquisition's lag is told.
+//! What an acquisition reports to its lag.
 
 use crate::lag::{AcquisitionLag, Sensor};
 use crate::transport::stream::IpcNode;
@@ -58,9 +58,9 @@ impl LagAccess<'_> {
         self.lag.restore(saved);
     }
 
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
-    /// saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed
-    /// without the transient terms, until the readings span three time constants: [`Lag::unknown`].
+    /// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
+    /// restart without a saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN),
+    /// and computed without the transient terms, until the readings span three time constants: [`Lag::unknown`].
     pub fn forget(&mut self) {
         self.lag.restore(&Lag::default());
     }

@@ -231,7 +231,7 @@ mod tests {
     use Ordering::{Acquire, Relaxed, Release};
     use loom::thread;
 
-    /// A value, and a flag that tells of it.
+    /// A value, and a flag that announces it.
     fn hand_over(store: Ordering, load: Ordering) {
         let shared = Arc::new((AtomicU64::new(0), AtomicBool::new(false)));
         let writer = {

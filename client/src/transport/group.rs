@@ -25,7 +25,7 @@ fn groups() -> MutexGuard<'static, BTreeMap<String, u32>> {
     GROUPS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Notes for this process that the domain with this prefix belongs to this group, or to its own user alone.
+/// Notes for this process that the domain with this prefix belongs to this group, or only to its own user.
 pub fn set(prefix: &str, group: Option<u32>) {
     let mut groups = groups();
     match group {

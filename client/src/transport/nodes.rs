@@ -1,5 +1,5 @@
 //! The nodes of a domain, as the transport finds them in its files. Reading and writing these takes much generic code,
-//! which is compiled here alone: no function is generic.
+//! which is compiled only here: no function is generic.
 
 use super::stream::{Ipc, IpcNode, configuration};
 use core::time::Duration;

@@ -71,7 +71,7 @@ thread_local! {
 }
 
 /// Size of the last object that this thread could not create because shared memory was full \[bytes\]; 0 if there was
-/// none. The transport's errors do not tell.
+/// none. The transport's errors do not show it.
 #[must_use]
 pub fn refused_bytes() -> u64 {
     REFUSED.get()

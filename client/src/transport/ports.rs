@@ -162,8 +162,8 @@ pub fn listener(event: &Event) -> Result<Listener<Ipc>, ListenerCreateError> {
     event.listener_builder().create()
 }
 
-/// Notifies an event: a system call for each listener that has not been notified since it last looked. Whoever is not
-/// reached looks by itself within a bounded time, so a failure is none.
+/// Notifies an event: a system call for each listener that has not been notified since it last looked. A listener that
+/// is not reached looks by itself within a bounded time, so a failure is none.
 #[inline(never)]
 pub fn notify(port: &Notifier<Ipc>) {
     let _ = port.notify();

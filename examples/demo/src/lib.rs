@@ -37,13 +37,16 @@ const SERVICE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Show the whole chain on embedded data
 ///
-/// Show the whole chain on embedded data: service, acquisition, a temperature run, a hot reload in flight.
+/// Runs a service and an acquisition through a temperature run, with a table that is replaced in flight.
 ///
-/// Starts real processes in a domain of their own, prints what they did, leaves a report and nothing else.
+/// The demonstration starts real processes in a domain of its own, prints what they did and writes a report. It leaves
+/// nothing else behind.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo --report -")]
 pub struct Demo {
-    /// Where the report goes; - for none
+    /// Write the report to this file
+    ///
+    /// - writes none
     #[arg(long, value_name = "FILE", default_value = "isotherm-demo-report.txt")]
     report: PathBuf,
     /// Be the demonstration's acquisition process

@@ -6,7 +6,7 @@ use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::{domain, exit_code, finish};
 use std::process::ExitCode;
 
-/// Isotherm's demonstration: `isotherm demo` without the other commands
+/// Run Isotherm's demonstration, and nothing else
 #[derive(Debug, Parser)]
 #[command(
     name = "isotherm-demo",
@@ -17,7 +17,7 @@ use std::process::ExitCode;
 struct DemoProgram {
     /// Start the processes in this domain
     ///
-    /// The domain of the processes that the demonstration starts.
+    /// The demonstration starts its processes in this domain.
     #[arg(long, global = true, value_name = "NAME", hide = true)]
     domain: Option<String>,
     #[command(subcommand)]

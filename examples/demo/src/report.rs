@@ -8,7 +8,7 @@ use isotherm_shared::wire::AXES;
 use std::fmt::{Display, Formatter, Result};
 use std::time::Duration;
 
-/// What the report tells of.
+/// What the report is about.
 pub(crate) struct Report<'a> {
     pub outcome: &'a RunOutcome,
     pub status: &'a ServiceStatus,

@@ -127,8 +127,8 @@ pub fn snapshot(folder: &Path) -> Result<Option<Snapshot>, Failure> {
     }
 }
 
-/// Looks for a request to end from now on, and then sets the number that lines and runner look at. Who calls has locked
-/// the folder: a request to an earlier runner is forgotten.
+/// Looks for a request to end from now on, and then sets the number that lines and runner look at. The caller has
+/// locked the folder: a request to an earlier runner is forgotten.
 ///
 /// # Errors
 /// If a thread cannot be created, or an earlier request not removed.
@@ -154,7 +154,7 @@ pub fn watch_requests(folder: &Path, stop_signal: &Arc<AtomicUsize>) -> Result<(
 
 /// Answers a request to end: the runner is on its way into the safe state.
 pub(crate) fn answer_stop(folder: &Path) {
-    // Who asks waits for the end too.
+    // The process that asks also waits for the end.
     let _ = fs::remove_file(folder.join(STOP));
 }
 
@@ -179,7 +179,7 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<StopOutcome, Failure> {
         return Ok(StopOutcome::Nobody);
     }
     check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
-    // Of a lock that cannot be inspected it is not known whether a runner holds it: it is asked.
+    // If a lock cannot be inspected, it is not known whether a runner holds it: it is asked.
     let runs = || runner_pid(folder).map_or(true, |pid| pid.is_some());
     if !runs() {
         return Ok(StopOutcome::Nobody);

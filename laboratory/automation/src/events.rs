@@ -1,4 +1,4 @@
-//! What the live page tells of a campaign's course: every start, pause, resumption, repetition and end, and what became
+//! What the live page shows of a campaign's course: every start, pause, resumption, repetition and end, and what became
 //! of fit, verification and installation, from the journal.
 
 use super::journal::{Entry, JournalLine};

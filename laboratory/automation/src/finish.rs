@@ -46,9 +46,9 @@ pub struct Finish {
 impl Finish {
     /// Fits the table, verifies it with every run, and installs it if all runs show what is required, none shows that
     /// the table in force is better, and no signal has asked to end. The journal has what becomes of each step, and so
-    /// has the live page. Of a batch each IMU that is not dropped has its own table; a failure of one does not stop the
-    /// others. One that is dropped has its table, which is neither verified nor installed, if only verification runs of
-    /// it are missing.
+    /// has the live page. In a batch, each IMU that is not dropped has its own table; a failure of one does not stop
+    /// the others. One that is dropped has its table, which is neither verified nor installed, if only verification
+    /// runs of it are missing.
     ///
     /// # Errors
     /// The step that has failed; of a batch those of all IMUs, with [`Exit::Failed`]. A failure before the installation
@@ -207,7 +207,7 @@ impl Finish {
         let campaign = file.campaigns()?.into_iter().find(|campaign| campaign.imu == plan.imu);
         let campaign = campaign.ok_or_else(|| {
             let (file, imu) = (shown(&file.path), &plan.imu);
-            let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it anew");
+            let message = format!("{file}: {imu} is not in it; run the campaign again, which writes it again");
             Failure::new(Exit::Data, message)
         })?;
         let (options, input) = (self.options(in_force), InputOptions::default());

@@ -69,7 +69,8 @@ impl InForce {
     }
 }
 
-/// What changes besides the coefficients if `new` takes the place of `old`, the table in force, for the operator.
+/// What changes in addition to the coefficients if `new` takes the place of `old`, the table in force, for the
+/// operator.
 #[must_use]
 pub fn changes(old: &CoefficientTable, new: &CoefficientTable) -> Vec<String> {
     let (old, new) = (old.content(), new.content());
@@ -93,8 +94,8 @@ pub fn changes(old: &CoefficientTable, new: &CoefficientTable) -> Vec<String> {
             let turned = (new - old).abs().max();
             if turned > SAME_AXES {
                 changes.push(format!(
-                    "the alignment matrix turns the axes by up to {:.1} arcsec against the table in force: how the IMU sits on the \
-                     fixture is in it; boresight the vehicle anew",
+                    "the alignment matrix turns the axes by up to {:.1} arcsec against the table in force: how the \
+                     IMU sits on the fixture is in it; boresight the vehicle again",
                     arcsec(turned)
                 ));
             }
@@ -103,7 +104,7 @@ pub fn changes(old: &CoefficientTable, new: &CoefficientTable) -> Vec<String> {
         (old, _) => {
             let [was, is] = if old.is_some() { ["with", "without"] } else { ["without", "with"] };
             changes.push(format!(
-                "{is} an alignment matrix, the table in force is {was}: the axes turn; boresight the vehicle anew"
+                "{is} an alignment matrix, the table in force is {was}: the axes turn; boresight the vehicle again"
             ));
         }
     }

@@ -100,7 +100,7 @@ impl Journal {
         Ok((journal, history))
     }
 
-    /// The next entries are about this IMU of a batch; `None` if about all of them, or if the IMU is alone.
+    /// The next entries are about this IMU of a batch; `None` if about all of them, or if there is only one IMU.
     pub fn about(&mut self, imu: Option<&ImuId>) {
         self.imu = imu.map(ToString::to_string);
     }
@@ -164,7 +164,7 @@ pub(crate) fn read_since(path: &Path, from: u64) -> Result<(Vec<JournalLine>, u6
         }
         let entry = serde_json::from_slice(&line).map_err(|error| {
             let message = format!(
-                "{}:{}: not a line of a journal: {error}; restore it, or begin anew in another folder",
+                "{}:{}: not a line of a journal: {error}; restore it, or start again in another folder",
                 shown(path),
                 lines.len() + 1
             );
@@ -217,7 +217,8 @@ fn check_unchanged(folder: &Path, kept: &[KeptStep]) -> Result<(), Failure> {
         file.take(unit.to.saturating_sub(unit.from)).read_to_end(&mut buffer).map_err(failed)?;
         if sha256(&buffer) != unit.sha256 {
             let message = format!(
-                "{}: the bytes {} to {} ({}) are not those that were taken; restore the file, or begin anew in another folder",
+                "{}: the bytes {} to {} ({}) are not those that were taken; restore the file, or start again in \
+                 another folder",
                 shown(&path),
                 unit.from,
                 unit.to,

@@ -103,7 +103,7 @@ impl Limits {
     }
 
     /// The fault of measured angles \[deg\] and rates \[deg/s\]; `None` if they are within the limits and the servo's
-    /// margin. Of a turntable that counts modulo 360 degrees whole turns do not count.
+    /// margin. For a turntable that counts modulo 360 degrees, whole turns do not count.
     pub fn reading(&self, angles: [f64; 2], rates: [f64; 2], wraps: bool) -> Option<String> {
         self.measured_rates(rates).or_else(|| self.measured_angles(angles, wraps))
     }

@@ -191,7 +191,7 @@ impl<'p> CampaignMachine<'p> {
             return Ok(());
         };
         let wrong = if let Some(mode) = &chamber.other_mode {
-            format!("somebody changed it to {mode}")
+            format!("it was changed to {mode} by someone else")
         } else if !chamber.running {
             "it has stopped".to_owned()
         } else if (chamber.set_point_c - commanded).abs() > SAME_SET_POINT_C {
@@ -200,7 +200,8 @@ impl<'p> CampaignMachine<'p> {
             return Ok(());
         };
         Err(Halt::GivenUp(format!(
-            "the chamber does not do what it was told, {wrong}; run the campaign again to go on"
+            "the chamber does not follow its orders, {wrong}; run the campaign again to \
+            continue"
         )))
     }
 
@@ -264,8 +265,9 @@ impl<'p> CampaignMachine<'p> {
             return Ok(Action::Wait);
         }
         let air_c = observation.chamber.0.air_c;
-        let message =
-            format!("the chamber does not get to {target:?} degC: {air_c:?} degC {patience:.0} s after it was told to");
+        let message = format!(
+            "the chamber does not get to {target:?} degC: {air_c:?} degC {patience:.0} s after it was ordered to"
+        );
         Err(Halt::GivenUp(message))
     }
 

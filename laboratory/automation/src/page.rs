@@ -171,7 +171,8 @@ pub(crate) fn utc(unix_s: f64) -> String {
     humantime::format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string()
 }
 
-/// Round times of the clock in a span of Unix time \[s\], with their labels: three or four over days, else up to seven.
+/// Round times of the clock in a span of Unix time \[s\], with their labels: three or four over days, otherwise up to
+/// seven.
 fn clock_ticks([begin_s, end_s]: [f64; 2]) -> Vec<(f64, String)> {
     let span_s = end_s - begin_s;
     if !(span_s > 0.0 && span_s < 1e10 && begin_s > 0.0) {

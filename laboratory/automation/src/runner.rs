@@ -2,8 +2,8 @@
 //!
 //! One thread talks to both instruments, one request at a time, so that nothing is commanded while a reply is
 //! outstanding. Another thread takes the samples off the stream. Every command is checked against the limits before it
-//! is sent, and every reading when it arrives. However the loop ends, the runner brings the instruments into the safe
-//! state.
+//! is sent, and every reading when it arrives. Whichever way the loop ends, the runner brings the instruments into the
+//! safe state.
 
 mod batch;
 mod pause;
@@ -228,7 +228,7 @@ impl<'p> Runner<'p> {
             None => Err(Failure::new(Exit::Unavailable, message)),
             Some(failure) => {
                 let message = format!(
-                    "{message}\n{} units are complete; `isotherm campaign run` goes on with the next",
+                    "{message}\n{} units are complete; `isotherm campaign run` continues with the next",
                     self.units_kept
                 );
                 Err(Failure::new(if certain { failure.exit } else { Exit::Unavailable }, message))

@@ -91,7 +91,7 @@ fn stop_turntable(
                 }
                 if time.now().since(begun) > STOP_TIMEOUT {
                     let [outer, inner] = reading.rates_deg_s;
-                    let message = format!("turntable was told to stop, but turns at {outer:.3}/{inner:.3} deg/s");
+                    let message = format!("turntable was ordered to stop, but turns at {outer:.3}/{inner:.3} deg/s");
                     return Ok(SafeOutcome::Unknown(message));
                 }
                 time.sleep_until(time.now() + SAFE_PAUSE);
@@ -101,8 +101,8 @@ fn stop_turntable(
     stopped.unwrap_or_else(|fault| SafeOutcome::Unknown(format!("turntable NOT known to be stopped: {fault}")))
 }
 
-/// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is the set
-/// point alone, which starts no chamber.
+/// Commands standby, or ambient if the plan says so, and reads the chamber back. The first order for ambient is only
+/// the set point, which starts no chamber.
 fn make_chamber_safe(
     plan: &Plan,
     time: &dyn Time,

@@ -165,7 +165,7 @@ impl<'p> SampleRecorder<'p> {
             self.offset = ClockOffset::new(self.clock.speed);
             self.shift_ns = self.shift(sample);
             if let Some(open) = self.open.as_mut().filter(|open| open.session.is_some()) {
-                open.spoiled = Some("the acquisition was started anew".to_owned());
+                open.spoiled = Some("the acquisition was restarted".to_owned());
             }
         }
         let last = self.last.filter(|_| !new_session);
@@ -200,7 +200,7 @@ impl<'p> SampleRecorder<'p> {
         if !self.plan.turns.is_empty() && !self.has_gyroscopes {
             let message = format!(
                 "the samples of {imu} have no gyroscopes, but the plan takes turns to calibrate them; let the acquisition send them, or leave \
-                 [turns] out of the plan to calibrate the accelerometers alone"
+                 [turns] out of the plan to calibrate only the accelerometers"
             );
             return Err(Failure::new(Exit::Data, message));
         }
@@ -337,7 +337,7 @@ impl<'p> SampleRecorder<'p> {
         }
     }
 
-    /// The columns of a new file: the gyroscopes' if they are calibrated, the device's if the samples tell it.
+    /// The columns of a new file: the gyroscopes' if they are calibrated, the device's if the samples show it.
     fn layout(&self) -> Layout {
         let device = self.last.is_some_and(|last| last.device != 0);
         Layout { device, gyroscopes: !self.plan.turns.is_empty(), lag: false }

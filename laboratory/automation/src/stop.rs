@@ -1,4 +1,4 @@
-//! The safe state without a runner, or beside one: what `campaign stop` does where nobody answers.
+//! The safe state without a runner, or while one does not answer: what `campaign stop` does where nobody answers.
 
 use super::control::snapshot;
 use super::journal::{self, Entry};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 /// The reason after a runner that ended without the safe state.
 pub const STOPPED_WITHOUT_RUNNER: &str = "requested after its runner had ended without";
-/// The reason beside a runner that does not answer.
+/// The reason while a runner does not answer.
 pub const STOPPED_BESIDE_RUNNER: &str = "requested while its runner did not answer";
 
 /// Brings chamber and turntable into the safe state for this reason, and notes it. Returns what came of it, and whether

@@ -247,8 +247,8 @@ impl<'p> Streams<'p> {
         is_dropped.then_some(FailedImu { imu, reason })
     }
 
-    /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough. Of those
-    /// that have stopped for longer than `patience_s`, that is the reason.
+    /// The IMUs that have sent too few usable samples for the unit in progress, while others have sent enough. That is,
+    /// of those that have stopped for longer than `patience_s`, the reason.
     #[must_use]
     pub(crate) fn slow(&self, unit: CampaignStep, reason: &str, patience_s: f64) -> Vec<FailedImu> {
         let now = self.clock.now();

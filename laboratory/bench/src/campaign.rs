@@ -22,7 +22,7 @@ use tempfile::TempDir;
 const BETWEEN_S: f64 = 60.0;
 /// Most runners of a campaign.
 const MOST_RUNNERS: usize = 40;
-/// How often status file and live page are written, besides each change of the phase: nobody watches.
+/// How often status file and live page are written, in addition to each change of the phase: nobody watches.
 const SHOWN: Duration = Duration::from_secs(600);
 
 /// A campaign in a folder of its own.

@@ -10,7 +10,7 @@ pub enum DrawnFault {
     Chamber(InjectedFault),
     /// In the turntable, or on its line.
     Turntable(InjectedFault),
-    /// Of some replies of the turntable a begin arrives, and the rest never.
+    /// The beginning of some replies of the turntable arrives, and the rest never.
     CutReply,
     /// Replies of the turntable, or of the chamber, arrive at any time, some when the request was given up and the line
     /// was quiet; but one after the other.

@@ -193,7 +193,7 @@ impl CampaignCourse<'_> {
     fn wrong_readings(&self) -> Vec<String> {
         let event = |fault| self.faults.events(fault).next().is_some();
         if event(DrawnFault::ClockSetBack) || event(DrawnFault::RunAway) {
-            // The times of the rows do not tell when they were taken; or the turntable turns back between two samples.
+            // The times of the rows do not show when they were taken; or the turntable turns back between two samples.
             return Vec::new();
         }
         let text = fs::read_to_string(self.campaign.plan.output.join("readbacks.csv")).unwrap_or_default();

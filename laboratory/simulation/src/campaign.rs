@@ -151,7 +151,7 @@ impl CampaignSchedule {
         }
     }
 
-    /// The text of the campaign file, whose samples are in `samples` beside it.
+    /// The text of the campaign file, whose samples are in `samples` next to it.
     #[must_use]
     pub fn campaign_toml(&self, truth: &Truth, samples: &str) -> String {
         let content = truth.table.content();

@@ -32,8 +32,8 @@
 //! The truth is a [`CoefficientTable`] with misalignments M, in a laboratory with a latitude. Compensation with this
 //! table gives specific force and angle, except for noise and the charge that has not made a pulse yet.
 //! [`SimulatedImu`] is heads, boards and converters; it feels a [`InertialMotion`]. [`SimulatedChamber`] and
-//! [`SimulatedTurntable`] are the chamber and the turntable alone. The same seed gives the same data, on the same
-//! machine to the byte.
+//! [`SimulatedTurntable`] are the chamber and the turntable by themselves. The same seed gives the same data, on the
+//! same machine to the byte.
 //!
 //! [`CoefficientTable`]: isotherm_shared::table::CoefficientTable
 

@@ -76,7 +76,7 @@ impl Truth {
     /// is at [`LATITUDE_DEG`] and [`HEADING_DEG`].
     ///
     /// # Errors
-    /// If `misalignment` has no inverse; else every reason why the table is not valid.
+    /// If `misalignment` has no inverse; otherwise every reason why the table is not valid.
     pub fn new(
         mut content: Content,
         misalignment: Matrix3<f64>,
@@ -294,7 +294,7 @@ fn vary(axis: &mut Axis, bias: f64, scale_factor: f64, random: &mut RandomGenera
     }
 }
 
-/// A misalignment M with 1 on its diagonal and a standard deviation of 3e-4 beside it.
+/// A misalignment M with 1 on its diagonal and a standard deviation of 3e-4 next to it.
 fn varied_misalignment(random: &mut RandomGenerator) -> Matrix3<f64> {
     Matrix3::from_fn(|i, j| if i == j { 1.0 } else { 3e-4 * random.normal() })
 }

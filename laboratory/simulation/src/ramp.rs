@@ -13,8 +13,8 @@ const RECORDING_SEEDS: u64 = 1000;
 
 /// The schedule of a ramp recording: hold, up, hold, down, hold.
 ///
-/// It is a [`RunSchedule`] of two ramps, with what may go wrong in an afternoon. One ramp alone only heats;
-/// `hold_s: 0.0` leaves the holds out.
+/// It is a [`RunSchedule`] of two ramps, with what may go wrong in an afternoon. A single ramp only heats; `hold_s:
+/// 0.0` leaves the holds out.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RampSchedule {
     /// Attitude, temperatures, rate, number of ramps, holds, period of a row, hardware and random deviations.
@@ -57,7 +57,7 @@ pub const fn ramp_seed(seed: u64, number: u64) -> u64 {
     seed.wrapping_add(RECORDING_SEEDS.wrapping_mul(number))
 }
 
-/// The text of a campaign file of `ramps` alone. `curves` is the path of the table that gives what they do not show,
+/// The text of a campaign file of only `ramps`. `curves` is the path of the table that gives what they do not show,
 /// relative to the campaign file.
 #[must_use]
 pub fn ramps_toml(truth: &Truth, curves: &str, ramps: &[Ramp]) -> String {

@@ -2,7 +2,7 @@
 //!
 //! # Equations
 //! A move from rest to rest over the angle d with the rate v and the acceleration a is a trapezoid of rate over time:
-//! up with +-a, on at +-v, down with -+a. One shorter than v v / a is a triangle up to the rate sqrt(a |d|). A move
+//! up with +-a, on at +-v, down with -+a. One shorter than `v v / a` is a triangle up to the rate sqrt(a |d|). A move
 //! takes
 //!
 //! ```text

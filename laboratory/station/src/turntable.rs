@@ -104,8 +104,7 @@ impl TurntableDevice {
     }
 }
 
-/// The angle nearest to `from_deg` that is `angle_deg` modulo 360 \[deg\]. Of two that are as near it is the higher
-/// one.
+/// The angle nearest to `from_deg` that is `angle_deg` modulo 360 \[deg\]. If two are as near, it is the higher one.
 fn nearest(angle_deg: f64, from_deg: f64) -> f64 {
     angle_deg + 360.0 * ((from_deg - angle_deg) / 360.0 + 0.5).floor()
 }

@@ -27,7 +27,7 @@ def check(**arguments: Any) -> None:
 
 
 def texts(name: str, values: Any) -> list[str]:
-    """Names of an argument, as a list; one alone may be given as it is."""
+    """Names of an argument, as a list; a single one may be given as it is."""
     every = [values] if isinstance(values, str) else list(values)
     for value in every:
         if not isinstance(value, str):

@@ -100,7 +100,7 @@ def arrow_table(values: Any) -> _pa.Table:
 
 
 def columns_of(values: object) -> Columns | None:
-    """The columns of a data frame or of a table of Arrow; None of all else."""
+    """The columns of a data frame or of a table of Arrow; None for everything else."""
     if is_frame(values):
         return PandasColumns(values)  # type: ignore[arg-type]
     return ArrowColumns(arrow_table(values)) if is_arrow(values) else None

@@ -1,4 +1,4 @@
-"""Data of other programs as raw samples, and increments as ROS messages: `isotherm convert` and `isotherm replay -o FILE.mcap`."""
+"""Third-party data as raw samples, and increments as ROS messages: `isotherm convert` and `isotherm replay -o FILE.mcap`."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ._records import Records
 
 
-# How a flag of the command is said in Python. Of all other options the name and the value are the same.
+# How a flag of the command is said in Python. All other options have the same name and value.
 FLAGS = {
     "alignment": "alignment=True",
     "from": "start",

@@ -16,7 +16,7 @@ def write_text(path: AnyPath, text: str) -> None:
 def write_together(texts: list[tuple[AnyPath, str]]) -> None:
     """Writes texts that belong together, the one that matters first, as a table before its report: all or none.
 
-    SIGKILL or a power failure may leave fewer, but never an old file beside a new one: the old files after the first get hidden names
+    SIGKILL or a power failure may leave fewer, but never an old file next to a new one: the old files after the first get hidden names
     before the first is renamed. SIGINT, SIGTERM and SIGHUP to this thread wait meanwhile.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})

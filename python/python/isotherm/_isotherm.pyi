@@ -74,7 +74,8 @@ FLAGS: Final[list[tuple[int, str]]]
 class Acquisition:
     """The one acquisition process of an IMU. Only the thread that created it may use it.
 
-    Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, else "default").
+    Waits up to `timeout` seconds for the service of `domain` (without a name that of ISOTHERM_DOMAIN, otherwise
+    "default").
 
     `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
     temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
@@ -154,8 +155,8 @@ class Acquisition:
         last number of each sensor to 0.
         """
     def forget_lag(self) -> None:
-        """Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a
-        kept state.
+        """Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
+        restart without a kept state.
 
         Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
         constants.
@@ -431,7 +432,7 @@ class IncrementReader:
     """Reads the increments of one IMU as they are published. Only the thread that created it may use it.
 
     Waits up to `timeout` seconds for the service. With None it does not wait: it connects at once if the service is
-    there, and else in a later call. What is published before it is `connected` is not received.
+    there, and otherwise in a later call. What is published before it is `connected` is not received.
 
     >>> with isotherm.IncrementReader("imu-a") as reader, isotherm.Acquisition("imu-a") as acquisition:
     ...     sent = acquisition.run(isotherm.read_recording("run.csv")[:3])
@@ -722,22 +723,22 @@ class Stability:
         """The specific force, which is subtracted from the outputs [g0]."""
     @property
     def stated(self) -> bool:
-        """Whether the attitude was given; else it is the median of the output."""
+        """Whether the attitude was given; otherwise it is the median of the output."""
     @property
     def left_out(self) -> int:
         """Samples without a valid interval."""
     @property
     def warning(self) -> str | None:
         """Why nothing can be claimed: the length of the output is far from gravity, or over 1 % of the windows are left
-        out. Else None.
+        out. Otherwise, None.
         """
     @property
     def findings(self) -> list[tuple[str, str]]:
         """What `isotherm verify` prints: severity and the rest of the line, without the recording."""
     @property
     def time_warning(self) -> str | None:
-        """Where time is lost without a hole in `sequence`, or the intervals are wrong; else None. `verdict["losses"]` has
-        the counts.
+        """Where time is lost without a hole in `sequence`, or the intervals are wrong; otherwise None. `verdict["losses"]`
+        has the counts.
         """
     @property
     def verdict(self) -> dict[str, Any]:
@@ -887,7 +888,7 @@ class Exported:
         """
     @property
     def notes(self) -> list[str]:
-        """What you should know besides."""
+        """What you should also know."""
 
 def export_parameters(
     table: Table,

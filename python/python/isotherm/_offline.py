@@ -355,7 +355,7 @@ class Calibration:
         `bias_band_g0`, `scale_factor_band_ppm`: those that hold for a whole curve at once; `misalignment_rad` with its 95 % half
         widths. Then the orders of the curves, whether the table has or needs an alignment matrix, a `caution` if the set points are few, and the findings. Under
         `gyroscopes`, of a campaign with turns, the same of them, with g-sensitivities, random walk and Earth's rate. Under `transients`, of a
-        campaign with ramps, the verdict, the time constant, and each bias with its conditions. Ramps alone have that, and `not_known`.
+        campaign with ramps, the verdict, the time constant, and each bias with its conditions. Only ramps have that, and `not_known`.
         """
         return self._native.summary
 

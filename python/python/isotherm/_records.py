@@ -361,7 +361,7 @@ def records(values: object, dtype: np.dtype[np.void]) -> Records:
 
 
 def rows_of(values: object, dtype: np.dtype[np.void]) -> Records:
-    """As `records`, of rows in their order: of one dimension, or one row alone."""
+    """As `records`, of rows in their order: of one dimension, or a single row."""
     array = records(values, dtype)
     if array.ndim > 1:
         raise ValueError(f"the array has the shape {array.shape}, give one of one dimension: its rows in their order")

@@ -10,8 +10,8 @@ pub(crate) const TERMS: usize = HIGHEST_ORDER + 1;
 /// Points at which a range is looked at, ends included.
 const POINTS: u32 = 400;
 
-/// `a_k` of `p(T) = a_0 + a_1 (T - about) + .. + a_3 (T - about)^3`, for a polynomial of order 3 at most. Of one with
-/// higher orders these are the first four terms.
+/// `a_k` of `p(T) = a_0 + a_1 (T - about) + .. + a_3 (T - about)^3`, for a polynomial of order 3 at most. If it has
+/// higher orders, these are the first four terms.
 ///
 /// With `s = (about - center) / scale`, the coefficients about s come from repeated synthetic division; each is then
 /// divided by `scale^k`.

@@ -71,7 +71,7 @@ pub struct ExportedParameters {
     pub difference: Difference,
     /// The range of the accelerometers' biases \[degC\].
     pub range: [f64; 2],
-    /// What the user should know besides, in sentences.
+    /// What the user should also know, in sentences.
     pub notes: Vec<String>,
 }
 
@@ -196,7 +196,7 @@ impl ExportText {
         Ok(Self { kind: triad.kind, range, curves: triad.curves().ok_or_else(overflow)? })
     }
 
-    /// The centre that all curves have, if it is within the range, else the middle of the range.
+    /// The centre that all curves have, if it is within the range, otherwise the middle of the range.
     fn reference(&self) -> f32 {
         let [low, high] = self.range;
         let [first, ..] = &self.curves;
@@ -293,7 +293,7 @@ fn difference(
     })
 }
 
-/// What the user should know besides.
+/// What the user should also know.
 fn notes(options: &ExportOptions, policy: OutOfRange, triads: &[Triad<'_>], written: &[ExportText]) -> Vec<String> {
     let mut notes = Vec::new();
     let title = options.autopilot.title();

@@ -65,8 +65,8 @@ impl From<ImportError> for Failure {
 /// ([`nominal_content`]), with the biases that the firmware subtracts, over its range, clamped outside of it as the
 /// firmware clamps. A1, A2, A3 are X, Y, Z.
 ///
-/// ArduPilot's curves alone are relative; without `CALTEMP` and `OFFS` in the text their biases are 0 at 35 degC, or at
-/// the end of the range next to it.
+/// ArduPilot's curves by themselves are relative; without `CALTEMP` and `OFFS` in the text their biases are 0 at 35
+/// degC, or at the end of the range next to it.
 ///
 /// # Errors
 /// All that is wrong with the text, with line and parameter; a bias that no table can have; options that cannot be.

@@ -94,7 +94,7 @@ impl<'a> Lines<'a> {
                         lines.fault(
                             line,
                             "",
-                            "is no parameter; give NAME VALUE, or the five columns of a .params file",
+                            "is not a parameter; give NAME VALUE, or the five columns of a .params file",
                         );
                     }
                 }

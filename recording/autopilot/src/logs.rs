@@ -1,8 +1,8 @@
 //! Logs of autopilots: ULog of PX4, and DataFlash of ArduPilot, binary, as text or as JSON.
 //!
 //! A log is read twice: first for its IMUs, for what was corrected, and for the times that can be; then for the rows.
-//! No more than a few messages are in memory. Bytes that are no messages are left out, and told with their place. So
-//! are rows that cannot be used.
+//! No more than a few messages are in memory. Bytes that are no messages are left out, and reported with their place.
+//! So are rows that cannot be used.
 
 mod ardupilot;
 mod dataflash;

@@ -8,7 +8,7 @@ use isotherm_shared::units::SensorKind;
 /// The parameters of all IMUs of a vehicle, each with its name for messages; `None` of one that has no table.
 ///
 /// PX4 compensates all accelerometers or none (`TC_A_ENABLE`), and the gyroscopes likewise. So what enables them is
-/// written only if all IMUs have parameters, and else a note says which have none: on board may be old parameters of
+/// written only if all IMUs have parameters; otherwise a note says which have none: on board may be old parameters of
 /// these. ArduPilot enables each IMU by itself.
 ///
 /// Of what was left out, and of the differences, the result has those of all; the range is that of all together. Its
@@ -45,8 +45,8 @@ fn px4_file(imus: &[(&str, Option<&ExportedParameters>)]) -> (String, Vec<String
             0 => text += enable,
             count if count == imus.len() => {}
             _ => notes.push(format!(
-                "{} is left out, because it holds for all IMUs, and {} has no parameters here; set it to 1 yourself to \
-                 compensate the others alone",
+                "{} is left out, because it holds for all IMUs, and {} has no parameters here; set it to 1 yourself \
+                 to compensate only the others",
                 px4::enable(kind),
                 without.join(", ")
             )),

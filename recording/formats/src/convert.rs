@@ -133,7 +133,7 @@ pub fn imus_of_log(source: &DataSource, settings: &Settings) -> Result<Vec<Found
     format.map_or(Ok(Vec::new()), |format| format.imus(OpenData { source, bytes }))
 }
 
-/// The failure of data with this name. Of a table in memory, whose first row has the line `first_row`, it counts rows
+/// The failure of data with this name. For a table in memory, whose first row has the line `first_row`, it counts rows
 /// from 0.
 fn failure_of(error: &RecordingError, path: &Path, first_row: Option<u64>) -> Failure {
     let (RecordingError::Data { line, message }, Some(first)) = (error, first_row) else { return error.failure(path) };

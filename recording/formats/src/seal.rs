@@ -1,5 +1,5 @@
-//! What a Parquet file of the recorder has besides Parquet, to find damage and to take what is whole. Parquet's own
-//! checks are those of pages; the library writes none, and they leave the footer out.
+//! What a Parquet file of the recorder has in addition to Parquet, to find damage and to take what is whole. Parquet's
+//! own checks are those of pages; the library writes none, and they leave the footer out.
 //!
 //! ```text
 //! PAR1

@@ -23,10 +23,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use tracing::{info, warn};
 
-/// Shows the figures of a domain's service and acquisitions to Prometheus
+/// Export metrics of a domain to Prometheus
 ///
-/// They are at http://ADDRESS/metrics. A service that is not there is waited for: until then the answer is 503. Ends on
-/// SIGTERM and SIGINT.
+/// The metrics of service and acquisitions are at http://ADDRESS/metrics. While no service is running, the answer is
+/// 503. Ends on SIGTERM and SIGINT.
 #[derive(Debug, Parser)]
 #[command(
     name = "isotherm-exporter",
@@ -36,15 +36,17 @@ use tracing::{info, warn};
   isotherm-exporter --listen 127.0.0.1:9465 --domain left"
 )]
 struct Exporter {
-    /// Address and port to listen on; port 0 is a free one, which the log names
+    /// Listen on this address and port
+    ///
+    /// Port 0 takes a free port, which the log shows
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:9464")]
     listen: SocketAddr,
-    /// The domain of the service
+    /// Join this domain of the service
     ///
-    /// The one that ISOTHERM_DOMAIN names, or "default", unless given
+    /// Default: the domain that ISOTHERM_DOMAIN names, or "default"
     #[arg(long, value_name = "NAME")]
     domain: Option<String>,
-    /// Log lines for people or for machines
+    /// Choose the format of log lines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
 }

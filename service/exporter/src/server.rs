@@ -144,7 +144,7 @@ fn answer(request: &[u8], page: &mut impl FnMut() -> Option<String>) -> Option<V
     let complete = match head.parse(request) {
         Ok(status) => status.is_complete(),
         Err(httparse::Error::TooManyHeaders) => return Some(too_long()),
-        Err(_) => return Some(refusal("400 Bad Request", "this is no HTTP/1 request\n")),
+        Err(_) => return Some(refusal("400 Bad Request", "this is not an HTTP/1 request\n")),
     };
     let (true, Some(method), Some(target)) = (complete, head.method, head.path) else {
         return (request.len() > MAX_REQUEST).then(too_long);

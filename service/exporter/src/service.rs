@@ -36,7 +36,7 @@ metrics! {
     counter "isotherm_samples_received_total" = |imu| count(imu.received), "Raw samples received.";
     gauge "isotherm_sample_rate_hz" = |imu| count(imu.rate_hz), "Raw samples received in the last second [Hz].";
     gauge "isotherm_last_sample_timestamp_seconds" = |imu| imu.last_sample_unix_s,
-        "When a sample came last, within a second, Unix time; absent before the first.";
+        "Unix time of the last sample, to within a second; absent before the first.";
     counter "isotherm_increments_total" = |imu| count(imu.compensated), "Increments published.";
     counter "isotherm_samples_missing_total" = |imu| count(imu.missing), "Raw samples that never came.";
     counter "isotherm_gaps_total" = |imu| count(imu.gaps), "Samples before which others of their session were missing.";
@@ -48,12 +48,12 @@ metrics! {
     counter "isotherm_session_unknown_total" = |imu| count(imu.session_unknown),
         "Changes of session with an unknown number of control periods between.";
     counter "isotherm_transport_errors_total" = |imu| count(imu.transport_errors),
-        "Receiving or publishing failed; should be 0.";
+        "Failures of receiving or publishing; should be 0.";
     counter "isotherm_reloads_total" = |imu| count(imu.reloads), "Tables taken over after the first.";
     counter "isotherm_reloads_refused_total" = |imu| count(imu.refusals),
-        "Table files refused, one that is away included.";
+        "Table files refused, missing files included.";
     gauge "isotherm_reload_failed" = |imu| count(imu.last_reload_error.is_some().into()),
-        "Whether the table's file as it is now is not in force: 0 or 1.";
+        "Whether the current file of the table is not in force: 0 or 1.";
     gauge "isotherm_table_kept" = |imu| imu.table.as_ref().and_then(|_| count(imu.table_kept.into())),
         "Whether the table in force is kept for the next start: 0 or 1; absent without a table.";
     gauge "isotherm_table_taken_timestamp_seconds" = |imu| imu.table_taken_unix_s,
@@ -93,7 +93,7 @@ metrics! {
         "Where the table's calibrated range ends, in its unit.";
     WORKER_CPU = counter "isotherm_worker_cpu_seconds_total" [worker] "Processor time of a worker.";
     WORKER_HELD_BACK = counter "isotherm_worker_held_back_seconds_total" [worker]
-        "Time in which a worker could have run and did not.";
+        "Time in which a worker was ready to run but did not run.";
     WORKER_STANDS_STILL = gauge "isotherm_worker_stands_still" [worker]
         "Whether a worker's loop has not turned for a second, so that its IMUs are not served: 0 or 1.";
     PROCESS_CPU = counter "process_cpu_seconds_total" [] "Processor time of the service.";

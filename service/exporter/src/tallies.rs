@@ -5,7 +5,7 @@ use isotherm_client::{Domain, ImuId, Note, unix_s};
 use serde_json::Value;
 use std::fs;
 
-/// Of an older tally only the time is shown: its acquisition is stopped, or was killed.
+/// Only the time of an older tally is shown: its acquisition is stopped, or was killed.
 const MAX_AGE_S: f64 = 5.0;
 
 /// Declares the metrics with one value for each acquisition, and where it is in the tally.
@@ -24,11 +24,11 @@ macro_rules! metrics {
 }
 
 metrics! {
-    gauge "written_timestamp_seconds" "/written_unix_s" "When these were written, in Unix time [s].";
+    gauge "written_timestamp_seconds" "/written_unix_s" "Unix time when these values were written [s].";
     gauge "seconds" "/seconds" "How long the acquisition has run [s].";
     counter "bytes_total" "/bytes" "Bytes received.";
     counter "frames_total" "/frames" "Frames, lines or scans received whole.";
-    counter "samples_total" "/samples" "Samples made of them.";
+    counter "samples_total" "/samples" "Samples made from them.";
     counter "unhealthy_total" "/unhealthy" "Samples of a device whose status is not healthy.";
     counter "repeated_total" "/repeated" "Frames with the number of the frame before.";
     counter "others_total" "/others" "Frames of items without those of the sensors.";
@@ -40,24 +40,24 @@ metrics! {
     counter "ambiguous_total" "/ambiguous" "Gaps whose length is not certain.";
     counter "sessions_total" "/sessions" "Sessions.";
     counter "outages_total" "/outages" "Times that the device went away.";
-    gauge "rate_hz" "/rate_hz" "Frames a second over the last seconds [Hz].";
+    gauge "rate_hz" "/rate_hz" "Frames per second over the last seconds [Hz].";
     gauge "device_present" "/is_there" "Whether the device is there (1) or away (0).";
     gauge "last_frame_timestamp_seconds" "/last_frame_s"
         "When the last frame was seen [s since 1970]; 0 before the first.";
     counter "other_rate_total" "/other_rate" "Samples that are invalid for another rate.";
-    counter "adopted_total" "/adopted" "Times that another rate than the described one was taken.";
+    counter "adopted_total" "/adopted" "Times that a rate other than the described one was adopted.";
     gauge "adopted_interval_seconds" "/adopted_interval_s"
-        "Interval that was taken for the device's [s]; 0 while it is the described one.";
-    counter "strangers_total" "/strangers" "Datagrams of others than the peer.";
-    gauge "other_device" "/is_other" "1 if the device is another one than the description's.";
+        "Adopted interval of the device [s]; 0 while the described one is used.";
+    counter "strangers_total" "/strangers" "Datagrams from senders other than the peer.";
+    gauge "other_device" "/is_other" "1 if the device differs from the description.";
     counter "other_device_total" "/other_device" "Samples of another device.";
     counter "held_total" "/held" "Samples of another device that were not sent.";
-    counter "unanswered_total" "/unanswered" "Questions and settings without their answer.";
-    counter "power_ups_total" "/power_ups" "Times that the device said that it was just powered.";
-    counter "damaged_total" "/skipped/damaged" "Frames or lines that began and were not right.";
+    counter "unanswered_total" "/unanswered" "Requests and settings without an answer.";
+    counter "power_ups_total" "/power_ups" "Times that the device reported a power-up.";
+    counter "damaged_total" "/skipped/damaged" "Frames or lines that began and were damaged.";
     counter "sent_total" "/service/sent" "Samples sent to the service.";
     counter "answered_total" "/service/answered" "Samples answered by the service.";
-    counter "dropped_total" "/service/dropped" "Samples that the service took not within half a minute.";
+    counter "dropped_total" "/service/dropped" "Samples that the service did not accept within half a minute.";
     counter "recorded_total" "/recorded" "Rows that were recorded.";
     counter "unanswered_samples_total" "/service/unanswered"
         "Samples sent and not answered when the way to the service failed.";
@@ -68,7 +68,7 @@ const SKIPPED: Metric = Metric {
     kind: "counter",
     name: "isotherm_acquire_skipped_bytes_total",
     labels: &["imu", "cause"],
-    help: "Bytes that were no frame, by cause.",
+    help: "Bytes outside any frame, by cause.",
 };
 /// Why bytes are no frame.
 const CAUSES: [&str; 7] = ["noise", "length", "checksum", "unconfirmed", "items", "columns", "cut"];

@@ -20,23 +20,23 @@ const WITHDRAWAL: Duration = Duration::from_millis(300);
 /// How long keeping the table may take.
 const KEPT_LIMIT: Duration = Duration::from_secs(10);
 
-/// Take a table that changes too much
+/// Accept a table that changes too much
 ///
-/// Take a table that the service refuses because it changes too much.
+/// A service refuses a new table that differs from the one in force by more than max_change. This command accepts it.
 ///
-/// The service takes the table of this digest, and no other, although it differs from the one before by more than
-/// max_change. Its message and `status` have the digest. The table becomes the anchor, from which no later one may
-/// differ by more than three times max_change; the digest of the table in force makes that one the anchor. The command
-/// waits until the table is kept. Without a running service the next one takes it at its start.
+/// The service accepts only the table with this digest. Its log message and `status` show the digest. The table becomes
+/// the new anchor: later tables may differ from it by at most three times max_change. If the digest is that of the
+/// table in force, that table becomes the anchor. The command waits until the table is kept. If no service is running,
+/// the next one accepts the table when it starts.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  isotherm reload --imu imu-a --accept sha256:5a82..(64 digits)")]
+#[command(after_help = "Examples:\n  isotherm reload --imu imu-a --accept sha256:DIGEST")]
 pub struct Reload {
     /// The IMU
     #[arg(long, value_name = "ID")]
     imu: ImuId,
-    /// Take the table with this digest
+    /// Accept the table with this digest
     ///
-    /// Digest of the table, sha256: and 64 hexadecimal digits.
+    /// The digest is sha256: and 64 hexadecimal digits.
     #[arg(long, value_name = "DIGEST", value_parser = digest)]
     accept: String,
 }

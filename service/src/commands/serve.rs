@@ -16,32 +16,32 @@ use std::process::Command;
 
 /// Run the compensation service until SIGTERM or SIGINT
 ///
-/// SIGHUP loads all tables anew; a table file that changes is loaded by itself.
+/// A table file that changes is loaded automatically. SIGHUP loads all tables again.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm serve --imu imu-a=tables/imu-a.toml\n  isotherm serve --config /etc/isotherm/service.toml --log-format json"
 )]
 pub struct Serve {
-    /// Configuration file
+    /// Read this configuration file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Serve an IMU with its coefficient table
     ///
-    /// An IMU and its coefficient table; may be repeated, and adds to the configuration.
+    /// Can be repeated. The IMUs are served in addition to those of the configuration.
     #[arg(long, value_name = "ID=TABLE", value_parser = imu)]
     imu: Vec<(ImuId, PathBuf)>,
     /// Serve IMUs whose table does not exist yet
     ///
-    /// Serve an IMU whose table file does not exist yet: NaN until it appears.
+    /// Its increments are NaN until the table file appears.
     #[arg(long)]
     allow_uncalibrated: bool,
-    /// Take files that other users may write
+    /// Accept files that other users can write
     ///
-    /// Take a configuration or tables that everybody may write, or that belong to another user than this one and root;
-    /// without this they are refused.
+    /// Without this option, the service refuses a configuration or a table that everybody can write, or that belongs to
+    /// a user other than this one and root.
     #[arg(long)]
     allow_world_writable: bool,
-    /// Log lines for people or for machines
+    /// Choose the format of log lines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     log_format: LogFormat,
 }
@@ -76,7 +76,7 @@ fn begin_anew(lock: &DomainLock) -> Failure {
         Ok(()) => program.args(arguments).exec(),
         Err(error) => error,
     };
-    Failure::new(Exit::Failed, format!("beginning anew: executing this program again: {error}; start the service"))
+    Failure::new(Exit::Failed, format!("restarting: executing this program again: {error}; start the service"))
 }
 
 /// The configuration of a file and the command line.

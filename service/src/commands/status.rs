@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// Show the running service
 ///
-/// Show the running service: per IMU counts, flags, latency, table in force.
+/// Shows counts, flags, latency and the table in force for each IMU.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm status\n  isotherm status --json | jq '.imus[] | {id, received, gaps}'\n  isotherm status --iceoryx2 > iceoryx2.toml"
@@ -26,7 +26,7 @@ pub struct Status {
     json: bool,
     /// Print the configuration for iceoryx2's own tools
     ///
-    /// Print the configuration with which iceoryx2's own tools join the domain, whether a service runs or not.
+    /// iceoryx2's tools join the domain with this configuration. A service need not be running.
     #[arg(long, conflicts_with = "json")]
     iceoryx2: bool,
 }
@@ -42,7 +42,7 @@ impl Status {
         }
         let status = fetch_status(&Options::new(domain, Duration::ZERO))?;
         if let Err(error) = check_room(0) {
-            // The status tells nothing of it, and no other client connects.
+            // The status shows nothing of it, and no other client connects.
             tell("isotherm", error);
         }
         if !self.json {

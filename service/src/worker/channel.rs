@@ -53,7 +53,7 @@ pub struct Channel {
     spare: Option<Outgoing<CompensatedIncrement>>,
     publisher: Publisher<CompensatedIncrement>,
     subscriber: Subscriber<RawSample>,
-    /// Tells readers that wait that an increment is published.
+    /// Notifies waiting readers that an increment is published.
     arrival: Notifier<Ipc>,
     /// For the rehearsals of the acquisition, which cannot create streams.
     _rehearsal: RehearsalStreams,
@@ -204,7 +204,7 @@ impl Channel {
         Some(now)
     }
 
-    /// Tells the readers that wait that an increment is published.
+    /// Notifies the waiting readers that an increment is published.
     pub fn announce(&self) {
         // A reader that misses it looks by itself, after 20 ms at most.
         ports::notify(&self.arrival);
@@ -229,7 +229,7 @@ impl Channel {
         self.take_table();
     }
 
-    /// Tells the control thread which sample was the last, when no more are served.
+    /// Informs the control thread which sample was the last, when no more are served.
     pub fn end(&mut self) {
         if let Some(last) = self.sequence.last() {
             self.counters.ended(last);

@@ -2,7 +2,7 @@
 //! does not compile.
 //!
 //! Only the one writer stores: it needs no atomic addition, a load and a store are enough. It stores values before the
-//! counts that tell of them, and a reader loads a count before its values: a counted sample has its temperature, a
+//! counts that announce them, and a reader loads a count before its values: a counted sample has its temperature, a
 //! counted flag its unit.
 //!
 //! A second writer does not compile:
@@ -113,8 +113,8 @@ pub struct CounterWriter(Arc<Counters>);
 #[derive(Clone, Debug)]
 pub struct CounterReader(Arc<Counters>);
 
-/// Adds to a counter. Only the counter's one writer may call it. Who sees the new count with `Acquire` also sees what
-/// the writer stored before it.
+/// Adds to a counter. Only the counter's one writer may call it. A thread that sees the new count with `Acquire` also
+/// sees what the writer stored before it.
 #[inline]
 fn add(counter: &AtomicU64, by: u64) {
     counter.store(counter.load(Relaxed).saturating_add(by), Release);
@@ -148,7 +148,7 @@ impl CounterWriter {
     #[inline]
     pub fn answered(&mut self, raw: &RawSample, arrival: Arrival, flags: Flags, latency_ns: u64, published: bool) {
         let counters = &*self.0;
-        // Values first, then the counts that tell a reader that there are values.
+        // Values first, then the counts that show a reader that there are values.
         counters.lag_ns.store(raw.lag_ns, Relaxed);
         if !arrival.repeated {
             counters.session.store(raw.session, Relaxed);
@@ -402,8 +402,8 @@ mod explored {
     use isotherm_client::sync::{explore, thread};
     use isotherm_shared::wire::Triad;
 
-    /// A worker that answers samples, each from another unit, warmer, and later than all before, while `look` looks.
-    /// Who finds a sample, a flag or a latency counted finds what belongs to it.
+    /// A worker that answers samples, each from another unit, warmer, and later than all before, while `look` looks. A
+    /// reader that finds a sample, a flag or a latency counted finds what belongs to it.
     fn answer(samples: u32, look: fn(&CounterReader)) -> CounterReader {
         let (mut writer, reader) = counters();
         let looking = {

@@ -1,7 +1,7 @@
 //! Sleeping until the sender of any IMU of the worker notifies, or until a time has passed.
 //!
 //! A notification is a system call of the sender, unless the event is still raised by one before. A worker that is
-//! awake for a sample raises the event itself: the sender then spends no time on it, and sees its answer earlier.
+//! awake for a sample raises the event itself, so the sender spends no time on it, and sees its answer earlier.
 
 use crate::worker::wait::BOUND_NS;
 use iceoryx2::port::listener::Listener;

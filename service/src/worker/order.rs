@@ -1,9 +1,10 @@
-//! What a worker is to do besides serving. The control thread writes it, the worker reads it.
+//! What a worker is to do in addition to serving. The control thread writes it, the worker reads it.
 
 use isotherm_client::sync::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
 
-/// The order to answer what has arrived, and to end. All others are a bit for each IMU whose readers are to be told.
+/// The order to answer what has arrived, and to end. All others are a bit for each IMU whose readers are to be
+/// notified.
 pub(super) const STOP: u64 = 1 << 63;
 
 /// It hands over no data, so its accesses need no order. An order is seen in the end, and what the worker has done is
@@ -30,7 +31,8 @@ mod explored {
     use isotherm_client::sync::{explore, thread};
     use std::sync::Arc;
 
-    /// A worker that announces while it is asked to, then stops. Who joins it knows all that it has counted.
+    /// A worker that announces while it is asked to, then stops. The thread that joins it knows all that it has
+    /// counted.
     #[test]
     fn explored_orders_are_seen_and_what_was_done_is_visible_after_the_end() {
         explore(|| {

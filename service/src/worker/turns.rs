@@ -4,7 +4,7 @@
 pub(super) trait Queues {
     /// How many there are.
     fn count(&self) -> usize;
-    /// Answers the next sample of a channel, and tells whether there was one.
+    /// Answers the next sample of a channel, and returns whether there was one.
     fn serve(&mut self, channel: usize) -> bool;
     /// Whether no sample of a channel waits.
     fn is_empty(&self, channel: usize) -> bool;
@@ -24,7 +24,7 @@ pub(super) struct Turns {
 }
 
 impl Turns {
-    /// Polls every channel once, and tells whether any sample was served.
+    /// Polls every channel once, and returns whether any sample was served.
     ///
     /// A queue that was not empty since its last sample is a burst: first every other channel is polled. The channel
     /// that was served last is polled again after every idle one: its next sample then waits for the poll of one idle
@@ -61,7 +61,7 @@ pub(super) enum Idle {
     Settle,
     /// It has just woken up before a sample: it rehearses for those that are expected.
     Expect,
-    /// It rehearses when it is time to, else it waits.
+    /// It rehearses when it is time to, otherwise it waits.
     Wait,
 }
 

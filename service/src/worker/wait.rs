@@ -212,8 +212,8 @@ impl ArrivalGrid {
         }
     }
 
-    /// Moves the grid to the earliest samples: at once if this sample is before its grid point, else when [`WINDOW`]
-    /// samples have come after theirs.
+    /// Moves the grid to the earliest samples: at once if this sample is before its grid point, otherwise when
+    /// [`WINDOW`] samples have come after theirs.
     fn adjust_phase(&mut self, late: f64) {
         self.after += 1;
         self.earliest = if self.after == 1 { late } else { self.earliest.min(late) };

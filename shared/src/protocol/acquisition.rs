@@ -67,8 +67,8 @@ pub struct AcquisitionState<S, A> {
     resent_ns: u64,
     /// Whether an answer has been handed out since the last check.
     progress: bool,
-    /// What has been sent beside the samples in flight, since the beginning: repeats, and sends that failed. Each
-    /// sample has this number of the moment when it was first sent as its mark.
+    /// What has been sent in addition to the samples in flight, since the beginning: repeats, and sends that failed.
+    /// Each sample has this number of the moment when it was first sent as its mark.
     surplus: u64,
     /// How much of that the service has taken for certain. It takes in order, so an answer shows it for the mark of its
     /// sample.
@@ -265,7 +265,7 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.push(sequence, self.surplus, sample)
     }
 
-    /// Takes the last [`send`](Self::send) back: the transport failed, and the caller tells its user. Some receivers
+    /// Takes the last [`send`](Self::send) back: the transport failed, and the caller informs its user. Some receivers
     /// may have got the sample, so no other sample gets its sequence.
     pub const fn send_failed(&mut self) {
         self.pending.pop_newest();

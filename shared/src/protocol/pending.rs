@@ -3,9 +3,9 @@
 
 /// Samples of type `S` in the order of their sequence, each with its answer of type `A` if that has come.
 ///
-/// A ring. The keys lie beside each other, apart from the copies, so that a search touches few cache lines. When the
-/// ring gets empty it begins again at its first slot, so that an acquisition with one sample in flight always uses the
-/// same memory.
+/// A ring. The keys are adjacent, apart from the copies, so that a search touches few cache lines. When the ring gets
+/// empty it begins again at its first slot, so that an acquisition with one sample in flight always uses the same
+/// memory.
 #[derive(Clone, Debug)]
 pub(super) struct Pending<S, A> {
     keys: Box<[Key]>,

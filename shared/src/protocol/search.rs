@@ -229,7 +229,7 @@ mod tests {
 
     const RESTART: Bounds = Bounds { depth: 3, queue: 6, service_kills: 1, lost_samples: 1, ..CALM };
 
-    /// The search finds what would go wrong if a rule of the protocol were another one.
+    /// The search finds what goes wrong with a changed rule of the protocol.
     #[test]
     fn each_rule_is_needed() {
         let false_gap = "a false gap";

@@ -56,7 +56,7 @@ pub(super) enum Mutation {
     ResendsUnansweredOnly,
     /// After a silence the oldest sample is sent again, not the newest.
     SilenceRepeatsOldest,
-    /// Of overtaken samples only those are sent again that have no answer, not what follows them.
+    /// Only those overtaken samples are sent again that have no answer, not what follows them.
     ResendsOvertakenOnly,
     /// Nothing is sent again.
     NeverResends,
@@ -238,7 +238,7 @@ pub(super) struct World {
     expected: VecDeque<u8>,
     /// Samples that a fault has kept from being answered so far.
     missing: Samples,
-    /// Sequences that the user has left out, or of which it was told that the send has failed.
+    /// Sequences that the user has left out, or of which it knows that the send has failed.
     told: Samples,
     /// Sequences of loans that the user has discarded: control periods that were measured and not sent.
     discarded: Samples,

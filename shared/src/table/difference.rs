@@ -271,7 +271,7 @@ pub struct TableDifference {
     /// The largest change of everything that both tables have.
     pub changes: Vec<Change>,
     /// What cannot be compared, whatever its size: another unit of the temperature, scale factors of another interval,
-    /// too little of a range in common, gyroscopes that one table alone has, a calibration and none
+    /// too little of a range in common, gyroscopes that only one table has, a calibration and none
     /// ([`CoefficientTable::is_nominal`]), a policy that begins or ends to reject, another serial number with other
     /// curves.
     pub incomparable: Vec<String>,
@@ -289,7 +289,7 @@ impl fmt::Display for TableDifference {
         });
         let changed: Vec<_> = changed.chain(self.incomparable.iter().cloned()).collect();
         f.write_str(&if changed.is_empty() { "no curve changes".to_owned() } else { changed.join(", ") })?;
-        if self.others.is_empty() { Ok(()) } else { write!(f, "; besides: {}", self.others.join(", ")) }
+        if self.others.is_empty() { Ok(()) } else { write!(f, "; in addition: {}", self.others.join(", ")) }
     }
 }
 
@@ -343,7 +343,7 @@ impl TableDifference {
     }
 
     /// The difference of the gyroscopes of two tables of one IMU, if both have gyroscopes and the same unit of the
-    /// temperature; else nothing.
+    /// temperature; otherwise nothing.
     #[must_use]
     pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
         let (old, new) = (old.content(), new.content());

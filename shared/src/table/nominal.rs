@@ -1,4 +1,4 @@
-//! The nominal table of readings: what the resolution alone says, before any calibration.
+//! The nominal table of readings: what only the resolution says, before any calibration.
 
 use super::content::{Axis, Content, ContentFault, Gyroscopes, OutOfRange};
 use super::model::CoefficientTable;
@@ -60,7 +60,7 @@ impl Nominal {
 /// K+ = -K- = arcsec / (resolution * T)      pulse/arcsec    of gyroscopes; arcsec: 1 arcsec in rad
 /// max_rate = (largest / resolution + 1) / T pulse/s         a largest reading itself, rounded up, is not over it
 /// ```
-/// and no bias, in ug0 and deg/h; temperature outside of the range is clamped. A caller may add what is known besides,
+/// and no bias, in ug0 and deg/h; temperature outside of the range is clamped. A caller may add what else is known,
 /// such as bias curves. The interval in nanoseconds is [`nominal_ns`](crate::nominal::nominal_ns) of one in seconds.
 ///
 /// # Errors

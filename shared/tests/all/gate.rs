@@ -18,7 +18,7 @@ fn mean(middle: f64, span: f64, of: impl Fn(f64) -> f64) -> f64 {
     (0..=PARTS).map(|part| weight(part) * at(part)).sum::<f64>() / (3.0 * f64::from(PARTS))
 }
 
-/// Coefficients of a polynomial about another place: c0, c1, ..
+/// Coefficients of a polynomial about another place: c0, c1, ...
 fn about(coefficients: &[f64], middle: f64) -> Vec<f64> {
     let mut shifted = coefficients.to_vec();
     for lowest in 0..shifted.len() {

@@ -1,7 +1,7 @@
 //! Properties of tables and of the kernel: round trip through TOML, agreement with exact rational arithmetic, and
 //! policies.
 //!
-//! Over 400 lines: the kernel in rational arithmetic, beside the tables and samples that it is compared on.
+//! Over 400 lines: the kernel in rational arithmetic, next to the tables and samples that it is compared on.
 
 use isotherm_shared::compensate::answer;
 use isotherm_shared::names::ImuId;

@@ -237,7 +237,7 @@ fn the_nominal_table_says_what_the_resolution_says() {
     let nominal = Nominal { max_specific_force: Some(160.0), max_angular_rate: Some(35.0), ..nominal() };
     let content = nominal_content(&nominal).unwrap();
     let gyroscopes = content.gyroscopes.clone().unwrap();
-    // 9.80665 / (1e-6 * 0.0025), and 1 / (1e-7 * 0.0025 * 206264.806..)
+    // 9.80665 / (1e-6 * 0.0025), and 1 / (1e-7 * 0.0025 * 206264.806)
     let near = |value: f64, expected: f64| assert!((value / expected - 1.0).abs() < 1e-9, "{value} {expected}");
     near(content.axes[0].positive_scale_factor_at(20.0).0, 3.922_66e9);
     near(content.axes[2].negative_scale_factor_at(20.0).0, -3.922_66e9);

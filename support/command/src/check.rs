@@ -17,11 +17,11 @@ use std::path::{Path, PathBuf};
 
 /// Validate files with the code that loads them
 ///
-/// Coefficient tables and service configurations; `isotherm check` also campaign files, campaign plans, mappings,
-/// descriptions of sources, and recordings, with their checks.
-/// The content of a file tells what it is. All faults of all files are reported, each with line and key. A warning
-/// tells of scale factors that look like a lost digit, and of a service configuration what serve would refuse on this
-/// machine and as this user: a core, a priority, locked memory, an address, too little shared memory.
+/// Validates coefficient tables and service configurations. `isotherm check` also validates campaign files, campaign
+/// plans, mappings, descriptions of sources, and recordings with their checks. The kind of a file is recognised from
+/// its content. All faults of all files are reported, each with line and key. A warning reports scale factors that look
+/// as if a digit were lost. For a service configuration, warnings report what serve would refuse on this machine and
+/// for this user: a core, a priority, locked memory, an address, or too little shared memory.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check service.toml tables/*.toml\n  isotherm check --seal tables/imu-a.toml\n  isotherm check --against tables/imu-a.toml new.toml"
@@ -29,26 +29,25 @@ use std::path::{Path, PathBuf};
 pub struct Check {
     /// Write a table's digest into it
     ///
-    /// Write a table's digest into it, so that a later change or a half-written copy is noticed.
+    /// A later change or an incomplete copy is then noticed.
     #[arg(long)]
     seal: bool,
     /// Fail if there is a warning
     ///
-    /// End with exit code 78 if there is a warning.
+    /// The exit code is then 78.
     #[arg(long)]
     strict: bool,
     /// Compare each table with this one
     ///
-    /// Compare each table with this one, and refuse one that changes as much as a service with the default limits
-    /// refuses it.
+    /// A table is refused if a service with the default limits would refuse the change.
     #[arg(long, value_name = "TABLE")]
     against: Option<PathBuf>,
-    /// Take files that everybody may write
+    /// Accept world-writable files
     ///
-    /// Take files that everybody may write; without this they are refused, as by the service.
+    /// Without this option they are refused, as the service refuses them.
     #[arg(long)]
     allow_world_writable: bool,
-    /// Files to validate; - is stdin
+    /// Validate these files; - is stdin
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 }
@@ -173,7 +172,7 @@ impl FileChecker<'_> {
         refused.map_or_else(|| Ok(format!("\n  {difference}")), Err)
     }
 
-    /// Tells the warnings of a file.
+    /// Prints the warnings of a file.
     ///
     /// # Errors
     /// With `--strict`, the warnings.
@@ -236,7 +235,7 @@ fn recording_format(path: &Path) -> Option<&'static str> {
     const ENDINGS: [(&str, &str); 3] = [("parquet", "Parquet"), ("mcap", "MCAP"), ("csv", "CSV")];
     const BEGINNING: u64 = 4096;
     let mut beginning = Vec::new();
-    // A pipe is not even opened: that waits for its writer. What cannot be opened is told when it is read.
+    // A pipe is not even opened: that waits for its writer. What cannot be opened is reported when it is read.
     fs::metadata(path).ok().filter(fs::Metadata::is_file)?;
     let file = File::open(path).ok()?;
     file.take(BEGINNING).read_to_end(&mut beginning).ok()?;

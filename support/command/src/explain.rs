@@ -1,5 +1,5 @@
-//! `explain`: meaning and remedy of the names that the programs print. Each text stands beside its name, in the crate
-//! that gives it.
+//! `explain`: meaning and remedy of the names that the programs print. Each text is next to its name, in the crate that
+//! gives it.
 
 use clap::Args;
 use isotherm_files::print;
@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 const WIDTH: usize = 100;
 /// Columns of a line of the list.
 const LINE: usize = 120;
-/// So many near names are told for an unknown one.
+/// This many similar names are printed for an unknown one.
 const NEAR: usize = 6;
 
 /// One name with its explanation.
@@ -75,13 +75,13 @@ pub fn topics() -> Vec<Topic> {
 
 /// Explain a name that the programs print
 ///
-/// Explain a flag, a field of the status or an exit code.
+/// Explains a flag, a field of the status or an exit code.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  isotherm explain\n  isotherm explain late\n  isotherm explain 78")]
 pub struct Explain {
-    /// The name, as it is printed
+    /// Explain this name, as it is printed
     name: Vec<String>,
 }
 
@@ -90,7 +90,7 @@ impl Explain {
     /// be joined by `|` as flags are.
     ///
     /// # Errors
-    /// If nothing has the name: exit code 64, and the message tells those that are near.
+    /// If nothing has the name: exit code 64, and the message lists similar ones.
     pub fn run(self, topics: &[Topic]) -> Result<(), Failure> {
         let words = self.name;
         if words.is_empty() {

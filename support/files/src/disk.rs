@@ -299,7 +299,7 @@ mod tests {
             file.grow(b" and more", &[]).unwrap();
             assert_eq!(fs::read(&path).unwrap(), b"anew and more");
             drop(file);
-            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left next to it");
         }
     }
 }

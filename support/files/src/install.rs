@@ -1,6 +1,6 @@
-//! Installing a coefficient table with a way back: the predecessor stays beside it, and a rollback exchanges the two.
+//! Installing a coefficient table with a way back: the predecessor stays next to it, and a rollback exchanges the two.
 //!
-//! One process at a time has the [`Installation`] of a file. Beside TABLE it uses these names:
+//! One process at a time has the [`Installation`] of a file. Next to TABLE it uses these names:
 //!
 //! | name | what |
 //! |---|---|
@@ -126,7 +126,7 @@ impl Installation {
     fn put_back(&self, error: io::Error) -> io::Error {
         let Err(second) = rename(&self.replaced, &self.file) else { return error };
         let replaced = shown(&self.replaced);
-        let message = format!("{error}; the new table is in force all the same, {replaced} is the old one: {second}");
+        let message = format!("{error}; the new table is in force anyway, {replaced} is the old one: {second}");
         io::Error::new(error.kind(), message)
     }
 
@@ -244,7 +244,7 @@ fn regular(path: &Path) -> io::Result<Option<Metadata>> {
         Err(error) => Err(error),
         Ok(metadata) if metadata.is_file() => Ok(Some(metadata)),
         Ok(_) => {
-            let message = format!("{} is no regular file; move it away", shown(path));
+            let message = format!("{} is not a regular file; move it away", shown(path));
             Err(io::Error::new(io::ErrorKind::InvalidInput, message))
         }
     }

@@ -153,7 +153,7 @@ impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
         let (exit, path, line) = match &error {
             LoadError::Io { path, .. } => (Exit::Io, path, None),
-            // Of several faults the first is as good as any.
+            // If there are several faults, the first is as good as any.
             LoadError::Refused { path, faults } => {
                 (Exit::Config, path, faults.0.first().map(|fault| fault.line as u64))
             }

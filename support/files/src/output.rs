@@ -175,9 +175,9 @@ impl StagedText {
     /// before its report.
     ///
     /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be
-    /// renamed at once, SIGKILL or a power failure may leave fewer of them, but never an old one beside a new one: the
-    /// old files that come after the first get hidden names before the first is renamed. If the first cannot be
-    /// renamed, they get their names again.
+    /// renamed at once, SIGKILL or a power failure may leave fewer of them, but never an old one together with a new
+    /// one: the old files that come after the first get hidden names before the first is renamed. If the first cannot
+    /// be renamed, they get their names again.
     ///
     /// # Errors
     /// As [`Output::finish`].

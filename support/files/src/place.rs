@@ -21,7 +21,7 @@ const STICKY: u32 = 0o1000;
 /// Limit of links that lead to each other, as in Linux.
 const MAX_LINKS: usize = 40;
 
-/// The folder of a file; `.` for a name alone.
+/// The folder of a file; `.` for only a name.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -14,8 +14,8 @@ use std::path::Path;
 /// Whose file is read.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Trust {
-    /// Of this process's user or of root, and not writable by everybody. For the service: it reloads the file, so
-    /// whoever can write or replace it changes what the service does.
+    /// Of this process's user or of root, and not writable by everybody. For the service: it reloads the file, so a
+    /// user who can write or replace it changes what the service does.
     Owned,
     /// Of anybody, but not writable by everybody. For a command that says what a service would take, which may be
     /// another user's.

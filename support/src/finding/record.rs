@@ -36,7 +36,7 @@ pub enum RunNumber {
 }
 
 impl RunNumber {
-    /// The number alone.
+    /// Only the number.
     #[must_use]
     pub const fn value(self) -> u32 {
         match self {

@@ -5,7 +5,7 @@ pub(super) mod mtdata2;
 pub(super) mod stim300;
 pub(super) mod vn100;
 
-/// What a device does about something that it was told.
+/// What a device does about an order that it has received.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Reaction {
     /// What it writes at once.

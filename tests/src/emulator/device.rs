@@ -1,4 +1,4 @@
-//! An emulated device that hears what it is told.
+//! An emulated device that hears what is sent to it.
 
 use super::Emulator;
 use super::answers::Reaction;
@@ -7,7 +7,7 @@ use super::answers::stim300::Stim300;
 use super::answers::vn100::Vn100;
 use super::plan::Plan;
 
-/// An emulated device that hears what it is told.
+/// An emulated device that hears what is sent to it.
 pub struct Device {
     mind: Mind,
     /// Frames that are not sent, since an answer took their place.

@@ -9,7 +9,7 @@ pub struct DeviceStamp {
     pub intervals: f64,
     /// Whether its counter counts that time, and not frames.
     pub counts_time: bool,
-    /// Whether it was reset. Counter and clock then began at 0, else shortly before they wrap.
+    /// Whether it was reset. Counter and clock then began at 0, otherwise shortly before they wrap.
     pub was_reset: bool,
 }
 

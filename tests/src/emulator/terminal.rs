@@ -35,7 +35,7 @@ impl Terminal {
         unlockpt(&controller)?;
         ioctl_fionbio(&controller, true)?;
         let path = PathBuf::from(OsString::from_vec(ptsname(&controller, Vec::new())?.into_bytes()));
-        // Closed at once: from then on the controller tells whether a reader has the other end open.
+        // Closed at once: from then on the controller shows whether a reader has the other end open.
         let user_side = open_user_side(&path)?;
         let mut settings = tcgetattr(&user_side)?;
         settings.make_raw();
@@ -106,12 +106,12 @@ impl Terminal {
     pub(super) fn drain(&self, ended: &AtomicBool) {
         let deadline = now_ns() + FULL.as_nanos() as u64;
         let Ok(user_side) = open_user_side(&self.path) else {
-            // A reader may have it alone.
+            // Only a reader may have it.
             sleep_until(now_ns() + 100_000_000, ended);
             return;
         };
         let mut empty = 0;
-        // Between the terminal's ends is another buffer, which nothing tells of.
+        // Between the terminal's ends is another buffer, which nothing shows.
         while empty < 100 && now_ns() < deadline && !ended.load(Ordering::Relaxed) {
             thread::sleep(Duration::from_millis(5));
             empty = if ioctl_fionread(&user_side).unwrap_or(0) == 0 { empty + 1 } else { 0 };

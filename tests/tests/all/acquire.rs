@@ -74,7 +74,7 @@ fn describe(domain: &TestDomain, emulator: Emulator, changes: &[(&str, &str)]) {
 }
 
 /// The rate at which a device is tested \[Hz\], and what makes its profile that of this rate. A counter of 128 periods
-/// must not turn while a process of a busy machine waits for its turn: the number of turns is told by the time.
+/// must not turn while a process of a busy machine waits for its turn: the number of turns follows from the time.
 fn rate(emulator: Emulator) -> (f64, &'static [(&'static str, &'static str)]) {
     match emulator {
         Emulator::Stim300 | Emulator::Stim300Rate | Emulator::Kvh1750 => {

@@ -34,7 +34,7 @@ fn the_examples_compensate_exactly() {
 #[test]
 fn the_examples_compensate_a_whole_imu_exactly() {
     let domain = TestDomain::new();
-    // The table is of another device, which every increment tells.
+    // The table is of another device, which every increment shows.
     let other = WHOLE_TABLE.replace("gravity =", "serial = \"SN 43\"\ngravity =");
     domain.write("imu-g.toml", &other);
     let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);

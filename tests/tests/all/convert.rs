@@ -44,7 +44,7 @@ fn a_text_is_converted_byte_for_byte_to_a_file_a_pipe_and_parquet() {
     let replayed = |file: &str| domain.run_ok(&["replay", "--table", "imu-a.toml", file]);
     assert_eq!(replayed("run.csv").lines().count(), 301);
     assert!(replayed("run.csv") == replayed("run.parquet"));
-    // Of a file that exists already the old content stays until the new one is complete.
+    // The old content of an existing file stays until the new one is complete.
     let spoilt = fs::read_to_string(domain.path("source.csv")).unwrap().replace("1\n", "o\n");
     domain.write("spoilt.csv", &spoilt);
     let (code, _, stderr) = convert(&["spoilt.csv", "-o", "run.csv"]);

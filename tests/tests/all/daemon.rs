@@ -42,10 +42,10 @@ fn serve_check_and_status_are_those_of_isotherm() {
             let output = domain.finish(domain.program(program, arguments));
             // Only the program's name may differ, and in `status` the uptime and the figures of the last second.
             let said = [output.stdout, output.stderr].map(|printed| text(&printed).replace("isothermd", "isotherm"));
-            // .. and the latencies, which have no samples once they are old.
+            // … and the latencies, which have no samples once they are old.
             let is_of_now =
                 |line: &&str| line.contains(", up ") || [" second ", " minute "].iter().any(|it| line.contains(it));
-            // The switches of messages are those of `isotherm` alone.
+            // The switches of messages are those of only `isotherm`.
             let printed = said.map(|printed| without_switches(&printed));
             let lines = printed.iter().flat_map(|printed| printed.lines()).filter(|line| !is_of_now(line));
             let is_figure = |word: &str| arguments[0] == "status" && word.parse::<f64>().is_ok();

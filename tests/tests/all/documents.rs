@@ -260,3 +260,23 @@ fn manual_pages_completions_and_examples_are_there_for_every_command() {
     let output = shell.output().unwrap();
     assert_eq!(text(&output.stdout), "status\n", "{}", text(&output.stderr));
 }
+
+/// The first lines of the help of a command, of its options and of the commands below it.
+fn first_lines(command: &clap::Command) -> Vec<(String, String)> {
+    let name = command.get_name();
+    let mut found: Vec<_> = command.get_about().map(|about| (name.to_owned(), about.to_string())).into_iter().collect();
+    let helped = command.get_arguments().filter_map(|argument| argument.get_help().map(|help| (argument, help)));
+    found.extend(helped.map(|(argument, help)| (format!("{name} {}", argument.get_id()), help.to_string())));
+    found.extend(command.get_subcommands().flat_map(first_lines).map(|(path, line)| (format!("{name} {path}"), line)));
+    found
+}
+
+#[test]
+fn the_first_line_of_a_help_has_eight_words_at_most() {
+    let lines =
+        [isotherm_cli::command(), isotherm_service::command("")].iter().flat_map(first_lines).collect::<Vec<_>>();
+    assert!(lines.len() > 200, "{}", lines.len());
+    let is_wrong = |line: &str| line.split_whitespace().count() > 8 || line.contains('\n') || line.ends_with('.');
+    let wrong: Vec<_> = lines.iter().filter(|(_, line)| is_wrong(line)).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}

@@ -248,7 +248,7 @@ fn a_closed_standard_output_is_an_error() {
     }
     assert_eq!(fs::read(domain.path("o.csv")).unwrap(), fs::read(domain.path("f.csv")).unwrap());
     service.terminate();
-    // What is wrong besides is said, with its own exit code.
+    // Other mistakes are reported, too, with its own exit code.
     domain.write("bad.toml", "bad\n");
     for (arguments, code) in [(&["check", "bad.toml"][..], 78), (&["status"], 69)] {
         let output = domain.finish(domain.isotherm_after(&[], "exec >&-", arguments));
@@ -268,7 +268,7 @@ fn stopped_before(number: usize, signal: Signal) -> Option<BTreeMap<&'static str
         skip("this user may not trace a process", Needs::Machine);
         return None;
     }
-    // Only a stopped thread can be told to stop at every system call.
+    // Only a stopped thread can be made to stop at every system call.
     ptrace::interrupt(pid).unwrap();
     let writer = thread::spawn(move || input.write_all(&fs::read(DERIVED[2].input).unwrap()[FIRST..]).unwrap());
     let (deadline, mut seen) = (Instant::now() + TIMEOUT, 0);

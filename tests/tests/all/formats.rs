@@ -67,8 +67,8 @@ impl CsvContent {
         fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
     }
 
-    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, else DOUBLE, and OPTIONAL if
-    /// it has empty values.
+    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, otherwise DOUBLE, and
+    /// OPTIONAL if it has empty values.
     fn write_parquet(&self, path: &Path) {
         let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
         let field = |column: usize| {
@@ -108,8 +108,8 @@ impl CsvContent {
         writer.close().unwrap();
     }
 
-    /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, else double, and no field
-    /// for an empty value.
+    /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, otherwise double, and no
+    /// field for an empty value.
     fn write_mcap(&self, path: &Path) {
         let (mut fields, mut descriptor) = (Vec::new(), Vec::new());
         for (name, number) in self.names.iter().zip(1..) {
@@ -269,7 +269,7 @@ fn a_fault_is_reported_with_the_piece_that_has_it() {
     for (files, code, cause) in [
         (&["two.csv", "bad.csv", "one.parquet"][..], 65, "bad.csv:9: timestamp_ns is \"soon\", give a whole number"),
         (&["two.csv", "one.parquet", "./two.csv"], 64, "./two.csv is named twice; name every piece once"),
-        (&["two.csv", "-"], 64, "pieces of a recording must be files; a pipe is read alone"),
+        (&["two.csv", "-"], 64, "pieces of a recording must be files; a pipe is read by itself"),
         (&["over.csv", "one.parquet", "two.csv"], 65, "over.csv: its first row, of "),
         (&["two.csv", "none.csv"], 74, "opening none.csv: "),
         (&["lacking.csv", "two.csv"], 65, columns),

@@ -136,7 +136,7 @@ fn users_of_the_group_share_a_domain_and_nobody_else_enters_it() {
     let replayed = read("out/replayed.csv");
     assert!(read("out/fed.csv") == replayed);
     assert_eq!(read("out/flight.csv").lines().count(), replayed.lines().count());
-    // Others are told why.
+    // Others get the reason.
     for command in [&["status"][..], &["feed", "--imu", "imu-a", "--timeout", "1", "run.csv", "-o", "/dev/null"]] {
         assert!(group.run(OUTSIDER, command, OTHER_USER).contains("belongs to another user"));
     }
@@ -217,7 +217,7 @@ fn a_group_that_cannot_be_is_refused_at_the_start() {
     chown(&root, Some(READER), Some(GROUP)).unwrap();
     fs::set_permissions(&root, Permissions::from_mode(0o750)).unwrap();
     assert!(refused(&config(GROUP)).contains("it must be 2770 and the group's"));
-    // Without the setting it is the service's alone again.
+    // Without the setting it is only the service's again.
     fs::remove_dir(&root).unwrap();
     group.domain.write("service.toml", &config(GROUP));
     group.serve().terminate();

@@ -188,7 +188,7 @@ fn each_imu_is_judged_by_itself() {
     let output = domain.run(&[&["serve"], &both[..]].concat());
     assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
     domain.serve(&both[..2]).terminate();
-    // An IMU of which nothing is known is served without a table beside one that can be served.
+    // An IMU of which nothing is known is served without a table, together with one that can be served.
     let service = domain.serve(&both);
     assert!(service.log().contains("there is no table for this IMU, and the others are served"), "{}", service.log());
     let increment = round_trip(&mut domain.acquisition("imu-b"), &recording()[0]);
@@ -429,7 +429,7 @@ fn what_a_calibration_changes_is_taken_and_told_for_each_curve() {
     let log = service.log();
     let taken = log.lines().find(|line| line.contains("table taken")).unwrap();
     assert!(taken.contains("A1 bias changes by 99.9475 ug0, A1 positive_scale_factor by 99.3"), "{taken}");
-    assert!(taken.contains("; besides: out_of_range clamp -> extrapolate"), "{taken}");
+    assert!(taken.contains("; in addition: out_of_range clamp -> extrapolate"), "{taken}");
     let status = domain.imu_status();
     let changes = status["table_changes"].as_array().unwrap();
     let names: Vec<_> = changes.iter().map(|change| change["name"].as_str().unwrap()).collect();
@@ -538,7 +538,7 @@ fn another_device_of_temperature_range_policy_or_set_of_sensors_is_refused() {
         domain.replace("imu-a.toml", &next);
         wait_until("the other range", || in_force(&domain) == digest(&next));
     }
-    assert!(service.log().contains("; besides: A1 ranges "), "{}", service.log());
+    assert!(service.log().contains("; in addition: A1 ranges "), "{}", service.log());
     let whole = WHOLE_TABLE.replace("\"imu-g\"", "\"imu-a\"");
     let reason = refuse(&domain, &service, &whole);
     assert!(reason.contains("this table has gyroscopes, and the one before has none"), "{reason}");
@@ -580,7 +580,7 @@ fn what_cannot_be_kept_or_read_is_told_and_the_service_runs() {
     service.wait_for_log(" is in memory; name another folder in ISOTHERM_STATE");
     service.terminate();
     fs::remove_dir_all(&memory).unwrap();
-    // A folder that others may write is not believed; a damaged file is told.
+    // A folder that others may write is not believed; a damaged file is reported.
     let folder = domain.path("state").display().to_string();
     domain.run_ok(&["clean"]);
     let service = state(&folder);
@@ -618,7 +618,7 @@ fn check_compares_with_a_table_as_the_service_does() {
     let output = domain.run(&["check", "--against", "old.toml", "bad.toml"]);
     assert_eq!(output.status.code(), Some(78));
     assert!(text(&output.stderr).contains("bad.toml: A1 positive_scale_factor changes by 911470 ppm, from 90578.9"));
-    // Alone it is valid, with a warning.
+    // By itself it is valid, with a warning.
     let output = domain.run(&["check", "bad.toml"]);
     let warning =
         "bad.toml: warning: K+ and K- of A1 differ by more than a factor 2: 8282.47 and -90717.9 pulse/(s*g0)";

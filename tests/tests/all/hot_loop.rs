@@ -132,7 +132,7 @@ fn spinning_makes_no_system_call_on_either_side() {
 /// The number of a thread's system calls within a time; `None` if it may not be traced.
 fn system_calls(thread: Pid, time: Duration) -> Option<u64> {
     ptrace::seize(thread, ptrace::Options::PTRACE_O_TRACESYSGOOD).ok()?;
-    // Only a stopped thread can be told to stop at every system call.
+    // Only a stopped thread can be made to stop at every system call.
     ptrace::interrupt(thread).unwrap();
     let (started, mut since, mut stops) = (Instant::now(), None::<Instant>, 0);
     let mut detaching = false;

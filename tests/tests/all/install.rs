@@ -64,7 +64,7 @@ fn what_cannot_be_brought_back_is_refused_and_changes_nothing() {
     domain.write("elsewhere.toml", &variant(1));
     fs::remove_file(domain.path(PREVIOUS)).unwrap();
     symlink("elsewhere.toml", domain.path(PREVIOUS)).unwrap();
-    has(&refused(&domain, 74), &["imu-a.toml.previous is no regular file"]);
+    has(&refused(&domain, 74), &["imu-a.toml.previous is not a regular file"]);
     fs::remove_file(domain.path(PREVIOUS)).unwrap();
     fs::rename(domain.path(INSTALLED), domain.path(PREVIOUS)).unwrap();
     has(&refused(&domain, 74), &["there is no imu-a.toml to exchange; rename imu-a.toml.previous to it"]);
@@ -103,17 +103,17 @@ fn what_else_a_rollback_changes_is_said() {
         (
             TABLE.to_owned(),
             turned(1e-3),
-            &["note: with an alignment matrix", "is without", "boresight the vehicle anew"],
+            &["note: with an alignment matrix", "is without", "boresight the vehicle again"],
         ),
         (
             turned(1e-3),
             TABLE.to_owned(),
-            &["note: without an alignment matrix", "is with:", "boresight the vehicle anew"],
+            &["note: without an alignment matrix", "is with:", "boresight the vehicle again"],
         ),
         (
             turned(1e-3),
             turned(2e-3),
-            &["note: the alignment matrix turns", "206.3 arcsec", "boresight the vehicle anew"],
+            &["note: the alignment matrix turns", "206.3 arcsec", "boresight the vehicle again"],
         ),
         (TABLE.to_owned(), variant(1).replace("clamp", "reject"), &["note: out_of_range was clamp", "is reject", ""]),
     ] {
@@ -201,7 +201,7 @@ fn number() -> Option<u32> {
     env::var(NUMBER).ok().map(|number| number.parse().unwrap())
 }
 
-/// Tells the test what this child does, also if the child is killed at once. Without the test the child ends here.
+/// Reports to the test what this child does, also if the child is killed at once. Without the test the child ends here.
 fn report(what: &str) {
     io::stdout().write_all(format!("{what}\n").as_bytes()).unwrap();
 }

@@ -498,7 +498,7 @@ fn a_successor_goes_on_with_a_kept_lag() {
         }
         kept = Some(serde_json::to_string(acquisition.lag().state()).unwrap());
     }
-    // A lag that was kept by an earlier version does not tell the start of the machine.
+    // A lag that was kept by an earlier version does not contain the start of the machine.
     let mut old: serde_json::Value = serde_json::from_str(&kept.unwrap()).unwrap();
     assert_eq!(old.as_object_mut().unwrap().remove("boot"), Some(boot().into()));
     let mut acquisition = connect(&domain, LagOption::Service, None);
@@ -529,7 +529,7 @@ fn samples_of_another_device_are_flagged() {
         (Some("SN 43"), 0, true),
         (Some(" "), 0, false),
         (None, 0, false),
-        // A recording of another device tells its own number.
+        // A recording of another device has its own number.
         (Some("SN 42"), device("SN 43"), true),
         (Some("SN 43"), device("SN 42"), false),
     ] {

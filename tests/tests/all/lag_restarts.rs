@@ -64,7 +64,8 @@ fn a_killed_service_changes_no_lag() {
         let mut running = start(&domain, &program, &["imu-g", "/dev/stdin"], "out.csv");
         let mut reader = domain.reader("imu-g");
         let mut input = running.stdin.take().unwrap();
-        // The program knows the time constant when it sends. A service that is stopped before would not have told it.
+        // The program knows the time constant when it sends. A service that is stopped before would not have reported
+        // it.
         input.write_all((header + &lines[0]).as_bytes()).unwrap();
         wait_until("the first increment", || reader.receive().unwrap().is_some());
         for (part, lines) in lines.chunks(PART).enumerate() {

@@ -1,7 +1,7 @@
 //! End-to-end tests: real processes, shared memory, files and signals.
 //!
 //! One program for all of them: these tests wait for processes, clocks and the simulated station far longer than they
-//! compute, so they run beside each other.
+//! compute, so they run at the same time.
 #![allow(
     clippy::panic,
     clippy::print_stderr,

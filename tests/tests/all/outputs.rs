@@ -254,7 +254,7 @@ impl Fixture {
         for name in ["samples.csv", "imu-a.csv"] {
             domain.write(name, &read("examples/campaign/samples.csv"));
         }
-        // Of another unit.
+        // From another device.
         domain.run_ok(&["simulate", "campaign", "-o", "other", "--seed", "2", "--vary"]);
         fs::rename(domain.path("other/samples.csv"), domain.path("imu-b.csv")).unwrap();
         let campaign = read("examples/campaign/campaign.toml");
@@ -330,7 +330,7 @@ impl Fixture {
         self.assert_untouched(&context);
         let after = fs::symlink_metadata(path).unwrap();
         let same = (before.ino(), before.len(), before.uid()) == (after.ino(), after.len(), after.uid());
-        // What is replaced is a file of its own, which has the name alone.
+        // What is replaced is a file of its own, which has only the name.
         let replaced = after.is_file() && after.ino() != before.ino() && before.is_file();
         // The message names the file, or the folder if that is refused as a whole.
         let named = [path.file_name().unwrap(), path.parent().unwrap().as_os_str()];
@@ -345,7 +345,7 @@ impl Fixture {
     }
 }
 
-/// Whether it is a recording, which never replaces a file and has a name that tells its format.
+/// Whether it is a recording, which never replaces a file and has a name that determines its format.
 fn is_new(writing: &Writing) -> bool {
     writing.arguments.contains(&"OUT.csv")
 }

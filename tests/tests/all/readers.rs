@@ -1,4 +1,4 @@
-//! Readers beside the acquisition, and peers that use the streams without the client library.
+//! Readers next to the acquisition, and peers that use the streams without the client library.
 
 use iceoryx2::prelude::PortFactory as _;
 use isotherm_client::transport::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
@@ -65,7 +65,8 @@ fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
     let mut acquisition = domain.acquisition("imu-a");
     let sample = recording()[0];
     let (mut one, mut two) = (domain.reader("imu-a"), domain.reader("imu-a"));
-    // From when the service has seen that somebody waits, every increment is told; before, they are found by looking.
+    // From when the service has seen that somebody waits, every increment is announced; before, they are found by
+    // looking.
     wait_until("the service's notification", || {
         round_trip(&mut acquisition, &sample);
         let told = is_readable(&mut one, Duration::from_millis(1));
@@ -90,7 +91,7 @@ fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
     let sequences = |reader: &mut IncrementReader| drain(reader).iter().map(|it| it.sequence).collect::<Vec<_>>();
     assert!(is_readable(&mut one, TIMEOUT));
     assert_eq!([sequences(&mut one), sequences(&mut two)], [sent.clone(), sent]);
-    // Another service tells them too.
+    // Another service informs them, too.
     service.kill();
     let service = domain.serve_recording();
     let sequence = round_trip(&mut acquisition, &sample).sequence;
@@ -102,7 +103,7 @@ fn a_reader_that_waits_is_told_of_increments_and_of_nothing_else() {
     let sequence = round_trip(&mut acquisition, &sample).sequence;
     assert_eq!(one.receive_timeout(TIMEOUT).unwrap().map(|increment| increment.sequence), Some(sequence));
     assert_eq!(one.receive_timeout(Duration::from_millis(50)).unwrap(), None);
-    // When they have left, others who come are told again.
+    // When they have left, others who come are informed again.
     drop((one, two));
     let mut third = domain.reader("imu-a");
     wait_until("the notification of the third", || {

@@ -143,7 +143,7 @@ fn spinning_at_a_real_time_priority_is_warned_about_and_its_effect_is_logged() {
     let config = write_config(&domain, "", "[wait]\nstrategy = \"spin\"\n[realtime]\ncore = 0\npriority = 1\n");
     let service = domain.serve(&["--config", &config]);
     service.wait_for_log("it stops a worker for some 50 ms of every second");
-    // With the kernel's limit switched off there is no effect; else the service reports it within seconds.
+    // With the kernel's limit switched off there is no effect; otherwise the service reports it within seconds.
     if std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").is_ok_and(|limit| limit.trim() != "-1") {
         // Some kernels enforce the limit only while another process needs the core.
         let mut neighbour =

@@ -174,7 +174,7 @@ fn invalid_relays_are_refused() {
     let name = domain.client_domain().name();
     refused(&["relay", "--imu", "imu-a", "--to", name], 64, "cannot go into it");
     refused(&["relay", "--imu", "imu-a", "--imu", "imu-a", "--to", "net"], 64, "given twice");
-    refused(&["relay", "--imu", "imu-a", "--to", "No Name"], 64, "no valid name");
+    refused(&["relay", "--imu", "imu-a", "--to", "No Name"], 64, "not a valid name");
     // A domain with a service does not accept a relay's increments.
     let service = domain.serve_recording();
     let output = domain.isotherm(&["--domain", "other", "relay", "--imu", "imu-a", "--to", name]).output().unwrap();

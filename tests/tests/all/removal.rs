@@ -147,7 +147,7 @@ fn service_acquisition_readers_and_recorder_come_back_three_times() {
         let newest = sender.answered;
         sender.until("the readers", |_| waiting.newest() > newest && polling.newest() > newest);
         println!("round {round}: all are back after {:.2?}", removed.elapsed());
-        assert_eq!(service.pid(), pid, "it executes itself anew");
+        assert_eq!(service.pid(), pid, "it executes itself again");
     }
     sender.until("the rest", |sender| sender.waiting.is_none());
     while sender.acquisition.in_flight() > 0 {
@@ -207,7 +207,7 @@ fn a_supervisor_starts_it_anew() {
     remove_memory(&domain);
     let (status, log) = service.wait();
     assert_eq!(status.code(), Some(74), "{log}");
-    assert!(log.contains("ending, so that the supervisor starts the service anew"), "{log}");
+    assert!(log.contains("ending, so that the supervisor restarts the service"), "{log}");
     domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
 }
 

@@ -392,7 +392,7 @@ fn a_period_that_is_dropped_is_a_gap() {
     service.terminate();
 }
 
-/// A loss with no sample after it, told to a service that is away when it happens.
+/// A loss with no sample after it, reported to a service that is away when it happens.
 #[test]
 fn what_was_lost_at_the_end_is_logged_and_kept_in_the_status() {
     let domain = TestDomain::new();

@@ -268,7 +268,7 @@ fn the_unit_of_a_recording_is_compared_with_the_tables() {
     service.terminate();
 }
 
-/// A table without gyroscopes gives the same increments for a whole IMU as for its accelerometers alone.
+/// A table without gyroscopes gives the same increments for a whole IMU as for only its accelerometers.
 #[test]
 fn an_accelerometers_table_gives_no_angles() {
     let domain = TestDomain::new();

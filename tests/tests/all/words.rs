@@ -1,4 +1,6 @@
-//! One word for one thing (`docs/glossary.md`), and names that one can read aloud.
+//! One word for one thing (`docs/glossary.md`), names that one can read aloud, and natural prose.
+
+mod prose;
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -101,7 +101,7 @@ fn an_unknown_type_and_a_channel_that_stays_off_are_told() {
 #[test]
 fn scales_that_are_none_are_told() {
     for (scale, parts) in
-        [("0.000000", "is 0"), ("fast", "is no number"), ("inf", "is no number"), ("", "is no number")]
+        [("0.000000", "is 0"), ("fast", "is not a number"), ("inf", "is not a number"), ("", "is not a number")]
     {
         let fake = Fake::with(&[BMI270]);
         fake.set("iio:device0/in_accel_scale", scale);

@@ -5,7 +5,7 @@
 
 /// ADIS16505-2: name, scales of accelerometers and gyroscopes, frequency, trigger and `in_accel_x_raw` as recorded in
 /// the kernel's `Documentation/iio/adis16475.rst`; the rest of the driver `adis16475`. Linux 5.11 and later: `buffer0`
-/// beside the old folders, of which one channel stands here.
+/// next to the old folders, of which one channel stands here.
 pub(super) const ADIS16505: &str = "
     name: adis16505-2
     in_accel_scale: 0.000000037

@@ -44,7 +44,7 @@ fn all_ratios(others: &[OtherBuild]) -> Vec<String> {
     RATIOS.map(str::to_owned).into_iter().chain(of_others).collect()
 }
 
-/// Measures every path, and the services of other builds beside them.
+/// Measures every path, and the services of other builds for comparison.
 pub(crate) fn measure(common: Common, others: &[OtherBuild]) -> BenchResult<Value> {
     let (rounds, blocks) = (common.rounds(2, 14), if common.smoke { 2 } else { BLOCKS });
     let [series] = alternate(

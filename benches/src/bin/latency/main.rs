@@ -26,7 +26,7 @@ use isotherm_benches::{BenchResult, Common, OtherBuild, pin, run};
 use serde_json::json;
 use std::process::ExitCode;
 
-/// Measures the latency of Isotherm beside bare shared memory, iceoryx2 and a Unix socket
+/// Measures the latency of Isotherm compared with bare shared memory, iceoryx2 and a Unix socket
 #[derive(Debug, Parser)]
 struct LatencyArguments {
     #[command(subcommand)]
@@ -42,15 +42,15 @@ struct LatencyArguments {
 enum LatencyCommand {
     /// Only the first part: round trips at the rate of an IMU
     Paced,
-    /// Round trips beside two CPU-hungry neighbours, with and without real-time settings, with and without reloads
+    /// Round trips next to two CPU-hungry neighbours, with and without real-time settings, with and without reloads
     Load,
-    /// 1, 8 and 32 IMUs: one sending, and all together beside as many bare pairs
+    /// 1, 8 and 32 IMUs: one sending, and all together, compared with as many bare pairs
     Scale,
     /// 16 samples in flight
     Throughput,
     /// 4 IMUs at 10 kHz, with and without a recorder
     Record,
-    /// Processor time of a reader that waits, beside one that polls and a bare eventfd
+    /// Processor time of a reader that waits, compared with one that polls and a bare eventfd
     Readers,
 }
 

@@ -62,7 +62,7 @@ fn all_ratios(others: &[OtherBuild]) -> Vec<String> {
     RATIOS.iter().chain(&STRATEGY_RATIOS).map(ToString::to_string).chain(of_others).collect()
 }
 
-/// Measures every path at every rate, and the services of other builds beside them.
+/// Measures every path at every rate, and the services of other builds for comparison.
 pub(crate) fn measure(common: Common, others: &[OtherBuild]) -> BenchResult<Value> {
     let rounds = common.rounds(1, 8);
     let mut own = OwnWork::new();

@@ -1,4 +1,4 @@
-//! The paths that are measured beside each other: how they are started, how they take turns, and their ratios.
+//! The paths that are measured next to each other: how they are started, how they take turns, and their ratios.
 //!
 //! Paths are measured in blocks, one after the other, in an order that rotates. The children that are not being
 //! measured are stopped. The round trip of a pair of processes depends on the cache slices that its memory falls into:

@@ -1,5 +1,5 @@
-//! What a reader of increments costs that waits at the rate of an IMU: processor time of its thread beside one that
-//! polls and beside one that does nothing but wait for an eventfd, all three woken by the same samples.
+//! What a reader of increments costs that waits at the rate of an IMU: processor time of its thread compared with one
+//! that polls and with one that does nothing but wait for an eventfd, all three woken by the same samples.
 
 use isotherm_benches::{BenchDomain, BenchResult, Common, IMU, TIMEOUT, median, pooled_ratio, sample};
 use isotherm_client::{

@@ -1,5 +1,5 @@
 //! Latency for different numbers of IMUs: with one that sends while the others are idle; and with all sending together,
-//! beside as many bare pairs, until the last sample is answered.
+//! compared with as many bare pairs, until the last sample is answered.
 
 use crate::paced::{OwnWork, Pace, series_figures};
 use crate::pairs::{Pair, alternate};

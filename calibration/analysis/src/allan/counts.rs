@@ -7,11 +7,11 @@ use std::collections::HashMap;
 const SINGLE: f64 = 1.5;
 /// Of counts that repeat a pattern at least this part of the changes are single steps.
 const PATTERN: f64 = 0.8;
-/// Parts of the rows, each of which must repeat: a quiet hour beside a loud one is no repetition.
+/// Parts of the rows, each of which must repeat: a quiet hour next to a loud one is no repetition.
 const PARTS: usize = 10;
-/// Rows repeat if fewer than this part of them are new ..
+/// Rows repeat if fewer than this part of them are new …
 const MOST_NEW: f64 = 0.9;
-/// .. and if whether they change correlates by less than this from row to row.
+/// … and if whether they change correlates by less than this from row to row.
 const MOST_CORRELATION: f64 = -0.05;
 
 /// The changes of a sensor's counts from row to row.
@@ -59,8 +59,8 @@ pub(super) fn scatter(counts: &[f64]) -> f64 {
 }
 
 /// The part of the rows that have a new value, if values repeat. Counts that go to and fro by one step repeat by
-/// chance, and tell nothing. A value repeats regularly: one that stays is followed by one that changes more often than
-/// by chance, other than in a quiet hour beside a loud one, or between bursts.
+/// chance, and show nothing. A value repeats regularly: one that stays is followed by one that changes more often than
+/// by chance, other than in a quiet hour next to a loud one, or between bursts.
 pub(super) fn new_part(counts: &[f64]) -> Option<f64> {
     let changes = CountChanges::of(counts).filter(|changes| !changes.are_single())?;
     let rows = counts.len() - 1;

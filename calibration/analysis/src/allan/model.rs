@@ -121,7 +121,7 @@ impl ModelFit {
         self.chi_square <= MAX_CHI_SQUARE * self.freedom as f64
     }
 
-    /// The Allan deviation of the model at tau \[s\], and that of each coefficient alone.
+    /// The Allan deviation of the model at tau \[s\], and that of each single coefficient.
     #[must_use]
     pub fn deviation(&self, tau_s: f64) -> (f64, [f64; 4]) {
         let [q, n, b, k] = self.coefficients.map(|coefficient| coefficient.value);

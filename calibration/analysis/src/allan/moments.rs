@@ -10,11 +10,11 @@
 //! R(t) = 4 G(t) - 2 (G(t+m1) + G(t-m1) + G(t+m2) + G(t-m2)) + G(t+m1+m2) + G(t+m1-m2) + G(t-m1+m2) + G(t-m1-m2)
 //! ```
 //! t is the distance of the middles of the two differences, and G the generalised autocovariance of the phase. With
-//! squares of the coefficients as factors, G is for Q: 1 at t = 0, else 0; N: -|t|/2; B: t^2 ln|t|/(2 pi); K: |t|^3/12.
-//! Check: R(0) for m1 = m2 = m is 2 m^2 AVAR of the model.
+//! squares of the coefficients as factors, G is for Q: 1 at t = 0, otherwise 0; N: -|t|/2; B: t^2 ln|t|/(2 pi); K:
+//! |t|^3/12. Check: R(0) for m1 = m2 = m is 2 m^2 AVAR of the model.
 //!
 //! R is a sum of four parts, one for each coefficient, so the sum of its squares is a quadratic form in their squares.
-//! Its matrix depends on the factors and n alone: it is computed once, and used for every axis and iteration.
+//! Its matrix depends only on the factors and n: it is computed once, and used for every axis and iteration.
 //!
 //! # Shortcuts
 //! - Terms with the same distance t are added at once.

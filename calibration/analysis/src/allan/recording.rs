@@ -104,7 +104,7 @@ impl NoiseAnalysis {
         (2 * kept < *at_rest).then(|| {
             format!(
                 "gaps of over {MOST_MISSING} rows leave a stretch of {kept} of {at_rest} rows at rest, which shows no slow \
-                 noise: look for what loses the rows, or take this stretch alone, with --from {from_s:.3} --to {to_s:.3}"
+                 noise: look for what loses the rows, or take only this stretch, with --from {from_s:.3} --to {to_s:.3}"
             )
         })
     }
@@ -113,7 +113,7 @@ impl NoiseAnalysis {
     pub(super) fn of_gaps(&self) -> Option<Finding> {
         let told = |message| Some(Finding::warning(name::MISSING_ROWS, message));
         match self.lost() {
-            Some(lost) => told(format!("{lost}; the figures are no certain ones, and no file for Kalibr is written")),
+            Some(lost) => told(format!("{lost}; the numbers are not certain, and no file for Kalibr is written")),
             None if self.bridged.rows > 0 => {
                 told(format!("{}; they are bridged, as rows around them scatter and correlate", self.bridged.words()))
             }

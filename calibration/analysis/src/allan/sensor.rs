@@ -96,7 +96,7 @@ impl SensorNoise {
         }
         if let Some((_, from_s)) = self.contamination() {
             let message = format!(
-                "contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head temperature is beside"
+                "contaminated by the temperature from tau = {from_s:.4} s; what is left without a straight line in head temperature is shown, too"
             );
             add(name::NOISE_TEMPERATURE, message);
         }

@@ -2,7 +2,8 @@
 //!
 //! Means of W rows before and after a row differ by over 6 errors, those of the Allan deviation at W once the step is
 //! taken out. As much would remain of a walk, so the likelihood decides: of the differences of neighbouring means of
-//! blocks, under the model of the rates, and under that of the rates without the step with the step beside it.
+//! blocks, under the model of the rates, and under that of the rates without the step, with the step as a second
+//! unknown.
 
 use super::deviations::{self, Curve, phase, variance_of};
 use super::model::ModelFit;
@@ -61,7 +62,7 @@ fn find(rates: &[f64], interval_s: f64, model: &ModelFit) -> Option<(Step, Curve
     for width in widths.take_while(|width| *width <= rates.len() / 4) {
         let Some(step) = largest(&phase, width, interval_s) else { continue };
         if step.size.abs() > ERRORS * 2_f64.sqrt() * deviation_without(&phase, &step, width, interval_s) {
-            // One series beside the rates is enough.
+            // One series next to the rates is enough.
             drop(phase);
             let confirmed = confirmed(rates, interval_s, &step, model);
             if confirmed.is_some() {

@@ -1,6 +1,6 @@
 //! The rows that are analysed: a stretch at rest whose times are regular, in which short gaps are bridged.
 //!
-//! A row follows the one before after 0.5 to 1.5 intervals. Otherwise the next row is sought up to which sequences and
+//! A row follows the one before after 0.5 to 1.5 intervals. Otherwise, the next row is sought up to which sequences and
 //! times agree on how many rows are missing between: none where a row only came late, up to [`MOST_MISSING`] in a gap.
 //! Times decide where the sequences were made from them, and a late row looked like a gap first.
 

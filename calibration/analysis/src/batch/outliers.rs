@@ -6,7 +6,7 @@ use isotherm_statistics::student_quantile_of;
 pub(crate) const FEWEST_DEVICES: usize = 5;
 /// Probability that any device stands out where all are of one kind; it is shared among all devices and quantities.
 const FALSE_ALARM: f64 = 0.05;
-/// Probability that a device is found, for the size that is told.
+/// Probability that a device is found, for the size that is reported.
 pub(super) const POWER: f64 = 0.9;
 
 /// A device that differs from the others in a quantity by more than chance makes.

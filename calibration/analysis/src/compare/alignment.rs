@@ -88,7 +88,7 @@ impl AlignmentComparison {
         Some(largest(self.sizes()?.map(|(size, half)| size - half)))
     }
 
-    /// Whether an entry beside the diagonal is outside of its band; `None` without errors. What is on the diagonal
+    /// Whether an entry next to the diagonal is outside of its band; `None` without errors. What is on the diagonal
     /// follows from the others.
     #[must_use]
     pub fn is_changed(&self) -> Option<bool> {

@@ -37,14 +37,14 @@ impl FromStr for ComparisonRequirement {
         let mut found = Self::default();
         for part in text.split(',') {
             let Some((name, value)) = part.split_once('=') else {
-                return Err(format!("{:?} is no bound; {RULE}", part.trim()));
+                return Err(format!("{:?} is not a bound; {RULE}", part.trim()));
             };
             let (place, kind): (_, Bound) = match name.trim() {
                 "bias" => (&mut found.bias, bounds::BIAS),
                 "scale" => (&mut found.scale, bounds::SCALE),
                 "alignment" => (&mut found.alignment, bounds::ALIGNMENT),
                 "rate" => (&mut found.rate, bounds::RATE),
-                name => return Err(format!("{name:?} is no bound; {RULE}")),
+                name => return Err(format!("{name:?} is not a bound; {RULE}")),
             };
             if place.is_some() {
                 return Err(format!("{} is given twice", kind.name));
@@ -142,9 +142,9 @@ mod tests {
             ("bias=2ug", "bias is \"2ug\""),
             ("scale=2ug0", "scale is \"2ug0\"; give a number with a unit: ppm, %"),
             ("bias=-2ug0", "bias must be over 0"),
-            ("level=2arcsec", "\"level\" is no bound; give bounds such as"),
-            ("10", "\"10\" is no bound"),
-            ("", "\"\" is no bound"),
+            ("level=2arcsec", "\"level\" is not a bound; give bounds such as"),
+            ("10", "\"10\" is not a bound"),
+            ("", "\"\" is not a bound"),
             ("bias=2ug0,bias=3ug0", "bias is given twice"),
             ("alignment=100deg", "alignment must be from 0.001 arcsec to 90 deg"),
         ] {

@@ -135,10 +135,10 @@ pub(crate) struct Form {
     pub curves: Vec<[FormCurve; 3]>,
     /// Of the accelerometers and of the gyroscopes; the identity without one.
     pub alignment: [Matrix3<f64>; 2],
-    /// Standard errors of the entries \[rad\]. Of a table without a matrix they are 0, because it is the identity by
+    /// Standard errors of the entries \[rad\]. They are 0 for a table without a matrix, because it is the identity by
     /// choice.
     pub alignment_error: [Option<Matrix3<f64>>; 2],
-    /// Misalignments \[rad\] of the provenance, or else of the matrix, by the same convention.
+    /// Misalignments \[rad\] of the provenance, otherwise of the matrix, by the same convention.
     pub misalignment: [Option<Matrix3<f64>>; 2],
 }
 
@@ -206,7 +206,7 @@ struct Triangular {
 impl Triangular {
     /// The matrix M of the misalignments, the inverse of the alignment, is R Q with an upper triangle R and a rotation
     /// Q. What accelerometer i indicates is row i of M times the specific force f, so row i of R times Q f: in the
-    /// turned axes, with d = R(i,i), it has K d, A/d and the row R(i,..)/d.
+    /// turned axes, with d = R(i,i), it has K d, A/d and the row R(i,...)/d.
     fn of(misalignment: Matrix3<f64>) -> Option<Self> {
         // R Q of M is the transpose of the Q R of M with its rows in reverse order, reversed again.
         let reverse = Matrix3::from_fn(|i, j| if i + j == 2 { 1.0 } else { 0.0 });

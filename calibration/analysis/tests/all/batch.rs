@@ -69,7 +69,7 @@ fn false_alarms_are_as_rare_as_stated() {
 
 #[test]
 fn a_quarter_of_the_units_at_most_is_taken_out_one_at_a_time() {
-    // Of eight devices two are off, the one far enough to hide the other at first.
+    // Two of eight devices are off, the one far enough to hide the other at first.
     let mut values = vec![0.3, -1.0, 0.8, -0.2, 1.1, -0.7, 100.0, 1.0e5];
     let found = stand_outs(&[values.clone()]).unwrap();
     assert_eq!(found.iter().map(|it| it.unit).collect::<Vec<_>>(), [7, 6]);

@@ -205,7 +205,7 @@ fn misalignments_without_errors_are_not_known() {
     assert_eq!(found.conclusion(), "Whether anything has changed by more than the errors is not known.");
     assert!(
         found.findings.iter().any(|finding| finding.message.starts_with(
-            "The errors of the misalignments of the accelerometers are not known in both tables: the values alone decide"
+            "The errors of the misalignments of the accelerometers are not known in both tables: only the values decide"
         )),
         "{:?}",
         found.findings
@@ -222,7 +222,7 @@ fn misalignments_without_errors_are_not_known() {
 fn what_cannot_be_compared_is_said() {
     let missing = compared(&["2023", "no_covariance"]);
     assert!(
-        !missing.has_errors() && missing.findings[0].message.contains("the values alone decide"),
+        !missing.has_errors() && missing.findings[0].message.contains("only the values decide"),
         "{:?}",
         missing.findings
     );
@@ -381,7 +381,7 @@ fn verdicts_are_within_beyond_or_undecided() {
     let remedies: Vec<_> = message.lines().filter(|line| line.starts_with("remedy: ")).collect();
     assert_eq!(remedies.len(), 3, "{message}");
     assert!(
-        message.ends_with("rate: not judged, the tables do not all have gyroscopes\nremedy: leave rate out, or give tables with gyroscopes alone"),
+        message.ends_with("rate: not judged, the tables do not all have gyroscopes\nremedy: leave rate out, or give only tables with gyroscopes"),
         "{message}"
     );
     assert!(message.contains("\nremedy: install the new table, and look for the cause\n"), "{message}");

@@ -30,8 +30,8 @@ pub(super) struct Level {
 }
 
 impl Level {
-    /// The lowest level at which averaging helps: R is under `most`. Otherwise the lowest level that was seen,
-    /// none if no two windows follow each other.
+    /// The lowest level at which averaging helps: R is under `most`. Otherwise, the lowest level that was seen, none if
+    /// no two windows follow each other.
     pub(super) fn quietest(windows: &Windows, live_alone: bool, most: f64) -> Result<Self, Option<Self>> {
         let whole = (0..windows.len()).filter(|window| windows.whole[*window]);
         let total = whole.clone().count() as f64;

@@ -167,7 +167,7 @@ fn rate(row: &RawSample, interval_ns: f64) -> Counts {
 }
 
 /// Whether each row is a glitch in any axis. The scale is that of the signal in the W rows nearby, not that of the
-/// residuals, which are small beside a fan.
+/// residuals, which are small next to a fan.
 fn glitches(counts: &[Counts], window_rows: usize, steps: Counts) -> Vec<bool> {
     let last = counts.len().saturating_sub(1);
     let mut is_glitch = vec![false; counts.len()];

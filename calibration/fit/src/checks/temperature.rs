@@ -7,10 +7,10 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::median;
 use isotherm_support::finding::{Finding, Severity, name};
 
-/// Within a dwell, temperature that changes by more than this part of the step to a neighbouring set point is a fault
-/// ..
+/// Within a dwell, temperature that changes by more than this part of the step to a neighbouring set point is a
+/// fault …
 const DWELL_DRIFT: f64 = 0.5;
-/// .. if it also changes by more than this many times what is usual within a dwell.
+/// … if it also changes by more than this many times what is usual within a dwell.
 const DWELL_NOISE: f64 = 3.0;
 /// Temperature resolves set points that are at least this many of its digits apart.
 const RESOLVED: f64 = 2.0;

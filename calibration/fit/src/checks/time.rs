@@ -9,9 +9,9 @@ use nalgebra::{Rotation3, Vector3};
 
 /// If the campaign states no soak, a shorter time between two set points gives a warning \[s\].
 const USUAL_SOAK: f64 = 3600.0;
-/// A smaller difference in all dwells gives a warning if it is over this: two oscillators differ by less ..
+/// A smaller difference in all dwells gives a warning if it is over this: two oscillators differ by less …
 const CLOCK_WARNING: f64 = 200e-6;
-/// .. and if it is over this many standard errors of the median over the dwells: timestamps may jitter.
+/// … and if it is over this many standard errors of the median over the dwells: timestamps may jitter.
 const CLOCK_ERRORS: f64 = 5.0;
 /// Standard error of the median of normal values, in those of the mean.
 const MEDIAN_ERROR: f64 = 1.2533;
@@ -228,7 +228,7 @@ impl Checker<'_> {
             turn_deg(position(before), position(after)),
             gap_s(before, after).unwrap_or_default()
         );
-        // The unit of all times concerns no single dwell: `diagnosis::clock` tells the two by the place.
+        // The unit of all times concerns no single dwell: `diagnosis::clock` distinguishes the two by the place.
         let here = factor.is_none().then_some(after);
         let place =
             |dwell: &Dwell| Location::SetPoint(dwell.set_point_c, Some(RunNumber::Position(position(dwell).number)));

@@ -9,13 +9,13 @@ use nalgebra::{Matrix3, Vector3};
 
 /// With more positions, pairs and single positions are not tried.
 pub(super) const MAX_POSITIONS: usize = 64;
-/// A position is off if it is by more than this \[g0\] ..
+/// A position is off if it is by more than this \[g0\] …
 pub(super) const POSITION_OFF: f64 = 1e-3;
-/// .. and by more than this many of its own standard errors ..
+/// … and by more than this many of its own standard errors …
 const POSITION_OFF_ERRORS: f64 = 20.0;
-/// .. and by more than this many times the others' residuals.
+/// … and by more than this many times the others' residuals.
 pub(super) const POSITION_OFF_OTHERS: f64 = 5.0;
-/// Largest number of positions that can be off: of more, nothing tells which are right.
+/// Largest number of positions that can be off: of more, nothing shows which are right.
 const MAX_OFF: usize = 3;
 
 impl Trials<'_> {

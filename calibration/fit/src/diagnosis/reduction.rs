@@ -16,7 +16,7 @@ const MIN_FREEDOM: usize = 3;
 /// Added to the normal equations' scaled diagonal, so that what a set point does not determine stays 0.
 const RIDGE: f64 = 1e-11;
 /// Weight of the observation that the base is level: a tilt of 1e-3 rad costs as much as a residual of 10e-6 g0. Where
-/// positions do not tell the tilt from the other unknowns it stays small.
+/// positions do not separate the tilt from the other unknowns it stays small.
 const LEVEL_WEIGHT: f64 = 1e-2;
 /// Unknowns of a set point: those of three accelerometers, and the tilt.
 pub(super) const UNKNOWNS: usize = AXES * PARAMETERS + 2;
@@ -128,7 +128,7 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// 1 for each axis whose scale factors have the right signs, -1 where both are opposite, else 0.
+/// 1 for each axis whose scale factors have the right signs, -1 where both are opposite, otherwise 0.
 fn signs(solution: &DVector<f64>) -> [i8; AXES] {
     [0, 1, 2].map(|axis| match (solution[PARAMETERS * axis + 1], solution[PARAMETERS * axis + 2]) {
         (plus, minus) if plus > 0.0 && minus < 0.0 => 1,

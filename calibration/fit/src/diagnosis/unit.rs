@@ -15,11 +15,11 @@ use isotherm_support::finding::name;
 /// Misalignments of the three accelerometers, onto the next axis and the one after \[rad\].
 type Misalignments = [f64; 2 * AXES];
 
-/// The groups differ by over this many times the scatter within them ..
+/// The groups differ by over this many times the scatter within them …
 const SCATTERS: f64 = 10.0;
-/// .. and by over this many times the residuals of the set points \[rad, g0\] ..
+/// … and by over this many times the residuals of the set points \[rad, g0\] …
 const RESIDUALS: f64 = 2.0;
-/// .. and by over this \[rad\], rms.
+/// … and by over this \[rad\], rms.
 const DIFFERENT: f64 = 5e-5;
 /// What is not a turn is below this part of the difference, rms.
 const TURNED: f64 = 0.2;

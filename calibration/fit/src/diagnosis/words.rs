@@ -82,7 +82,7 @@ impl Trials<'_> {
         let transposed = if own.len() == 1 { -1 } else { 1 };
         let proper = transposed * i32::from(sign[0] * sign[1] * sign[2]) == 1;
         let carried = carried(order, sign);
-        // Then the angles may be wrong alone, in a file without directions too.
+        // Then only the angles may be wrong, in a file without directions too.
         let along = self.campaign.mount == Some(Matrix3::identity());
         match (own.as_slice(), flipped.as_slice()) {
             ([_, _, _], flipped) => describe_signs(flipped, place, along, &or_file("correct the positions")),

@@ -27,7 +27,7 @@ const DRIFT: f64 = 0.5;
 /// Lowest and highest temperature of a gyroscope in a run.
 type RangeOf = fn(&Dwell, usize) -> [f64; 2];
 
-/// K+ and K- of each gyroscope from the turns alone \[pulse/arcsec\]: pulses by angle.
+/// K+ and K- of each gyroscope, only from the turns \[pulse/arcsec\]: pulses by angle.
 pub(super) fn first_scale_factors(data: &Data<'_>) -> [[f64; 2]; AXES] {
     [0, 1, 2].map(|axis| {
         [1.0, -1.0].map(|sign| {
@@ -253,7 +253,7 @@ impl Checker<'_> {
                     Some((name::TURN_ANGLE, message))
                 } else if (ratios[index] / usual - 1.0).abs() > ANGLE_TOLERANCE {
                     let message = format!(
-                        "the pulses of {gyroscope} say {:.1} deg, beside its other turns, and the campaign file {angle} deg; correct angle_deg or axis, or \
+                        "the pulses of {gyroscope} show {:.1} deg, compared with its other turns, and the campaign file {angle} deg; correct angle_deg or axis, or \
                          take the turn again",
                         angle * ratios[index] / usual
                     );

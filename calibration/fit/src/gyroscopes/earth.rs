@@ -44,7 +44,7 @@ impl Start {
     }
 }
 
-/// Earth's horizontal rate as it was found, beside that of the stated latitude.
+/// Earth's horizontal rate as it was found, compared with that of the stated latitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EarthCheck {
     /// Found \[deg/h\].

@@ -29,14 +29,14 @@ pub(super) struct GyroscopeRun<'a> {
     pub turn: Option<TurnMotion<'a>>,
 }
 
-/// What a turn has beside what a dwell has.
+/// What a turn has in addition to what a dwell has.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TurnMotion<'a> {
     /// k.
     pub axis: Vector3<f64>,
     /// theta \[arcsec\].
     pub angle: f64,
-    /// -1 if the IMU coordinates are left-handed, which turns the sign of a cross product; else 1.
+    /// -1 if the IMU coordinates are left-handed, which turns the sign of a cross product; otherwise 1.
     pub hand: f64,
     pub blocks: &'a [TurnBlock],
 }

@@ -1,6 +1,6 @@
 //! What a list of positions and turns determines, before there are data.
 //!
-//! K+ and K- are judged by the turns alone: each gyroscope needs 90 degrees about its own axis in each direction. The
+//! K+ and K- are judged only by the turns: each gyroscope needs 90 degrees about its own axis in each direction. The
 //! rank would not show that one is missing, because Earth's rate drives every channel a little. Everything else is
 //! judged by the rank and the condition of the equations of one set point, with turns of 10 deg/s and Earth's rate not
 //! counted where it only helps.
@@ -54,7 +54,7 @@ impl TriadObservability {
             let missing = additions(campaign);
             let missing = if missing.is_empty() { String::new() } else { format!("; missing: {}", missing.join(", ")) };
             deficiencies
-                .push(format!("{} cannot be told apart by these positions and turns{missing}", names.join(", ")));
+                .push(format!("{} cannot be distinguished by these positions and turns{missing}", names.join(", ")));
         }
         Self { rank, unknowns, condition, deficiencies }
     }

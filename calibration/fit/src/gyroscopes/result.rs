@@ -24,14 +24,14 @@ pub struct GyroscopeCalibration {
     pub orders: [[OrderTable; 3]; AXES],
     /// The estimate that the table is made of.
     pub solution: TriadSolution,
-    /// Earth's horizontal rate beside that of the latitude; `None` without angles.
+    /// Earth's horizontal rate compared with that of the latitude; `None` without angles.
     pub earth: Option<EarthCheck>,
     /// Without angles: what Earth's rate leaves in the estimate, if it does not cancel.
     pub left_over: Option<LeftOver>,
     /// Outlying runs, which were kept in the fit: index into `runs` and gyroscope.
     pub outliers: Vec<(usize, usize)>,
     /// Index of the gyroscopes' first finding in [`Calibration::findings`](crate::result::Calibration::findings); those
-    /// before it are not of the gyroscopes alone.
+    /// before it are not only of the gyroscopes.
     pub first_finding: usize,
     /// White noise of each gyroscope in a mean over 1 s \[deg/h\], from the rows of the dwells; a wrong position or
     /// curve does not change it.

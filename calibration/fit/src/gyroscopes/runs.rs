@@ -85,12 +85,13 @@ impl OtherDevice {
         let Self { line, device, expected } = self;
         let message = match &campaign.serial {
             Some(serial) => format!(
-                "the unit {device:016x} took the row, but {serial:?}, the serial number of the campaign file, is the unit {expected:016x}; give the samples of \
-                 that IMU, or correct serial or the acquisition's serial number (--other-device makes the table all the same)"
+                "the row is from device {device:016x}, but {serial:?}, the serial number of the campaign file, is \
+                 device {expected:016x}; give the samples of that IMU, or correct serial or the acquisition's serial \
+                 number (--other-device makes the table anyway)"
             ),
             None => format!(
-                "the unit {device:016x} took the row, and the unit {expected:016x} those before; a campaign is of one IMU: take out the rows of the other \
-                 (--other-device makes the table all the same)"
+                "the row is from device {device:016x}, and those before are from device {expected:016x}; a campaign \
+                 is of one IMU: take out the rows of the other (--other-device makes the table anyway)"
             ),
         };
         Finding { severity: Severity::Fault, name: name::OTHER_DEVICE, line: Some(line), place: None, message }
@@ -245,7 +246,7 @@ pub fn implausible(triad: &Triad) -> Option<String> {
     for (axis, gyroscope) in GYROSCOPE_NAMES.iter().enumerate() {
         for (temperature, name) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
             if !temperature.is_finite() {
-                return Some(format!("g{}_{name} is {temperature}, which is no temperature", axis + 1));
+                return Some(format!("g{}_{name} is {temperature}, which is not a temperature", axis + 1));
             }
         }
         if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {

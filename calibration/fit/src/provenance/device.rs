@@ -7,9 +7,9 @@ use isotherm_support::finding::{Finding, name};
 impl Origin {
     /// What was found if a recording is of another IMU of a vehicle than the logs that made the table. `log_imu` is the
     /// IMU as its log names it, and `device` the device that its rows name. A log that names another IMU is a fault.
-    /// The rows of a recording have a device alone, which may be of another kind: that is a warning.
+    /// The rows of a recording have only a device, which may be of another kind: that is a warning.
     ///
-    /// Logs have no serial number: two boards of a model are not told apart.
+    /// Logs have no serial number: two boards of a model are not distinguished.
     #[must_use]
     pub fn other_device(&self, log_imu: Option<LogImu>, device: Option<u64>) -> Option<Finding> {
         let of_table = self.log_imu?;

@@ -99,7 +99,7 @@ impl TableFile {
         places.zip(content.axes.iter().chain(gyroscopes)).map(|((kind, index), axis)| (kind, index, axis))
     }
 
-    /// The text of a sealed file of the table: `text`, its own, if that has a digest; else one with the same
+    /// The text of a sealed file of the table: `text`, its own, if that has a digest; otherwise one with the same
     /// provenance.
     #[must_use]
     pub fn sealed(&self, text: &str) -> String {
@@ -184,7 +184,7 @@ impl Origin {
     }
 }
 
-/// Whether ramps alone stated the error of a curve.
+/// Whether only ramps stated the error of a curve.
 fn ramp_errors(provenance: &Table) -> bool {
     let alone = provenance.get("method").and_then(Value::as_str) == Some("ramps");
     let biases = provenance.get("transients").and_then(|it| it.get("bias")).and_then(Value::as_array);

@@ -10,7 +10,7 @@ use isotherm_campaign::{Campaign, Ramp};
 use isotherm_statistics::band;
 
 view! {
-/// The section of a table of ramps alone.
+/// The section of a table of only ramps.
 pub(super) RampsProvenance<'a>(campaign: &'a Campaign, calibration: &'a RampCalibration, source: &'a CampaignSource) {
     tool: &'a str = &source.tool,
     time: &'a str = &source.time,

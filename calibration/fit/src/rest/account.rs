@@ -6,9 +6,9 @@ use crate::transients::{RampRecording, clock};
 use core::ops::Range;
 use isotherm_support::finding::{Finding, Severity, name};
 
-/// Times that a message tells of a kind.
+/// Times that a message reports of a kind.
 const TOLD: usize = 3;
-/// Bad rows within this time are told together \[ns\].
+/// Bad rows within this time are reported together \[ns\].
 const TOGETHER_NS: u64 = 3_000_000_000;
 
 /// Why a part of a recording is left out.

@@ -1,5 +1,5 @@
 //! Bumps: where the level of a sensor steps, and stays. Time and a parabola of the temperature go through the bins on
-//! both sides; the step beside it is compared with its error, and with the steps that the recording has everywhere.
+//! both sides; the step next to it is compared with its error, and with the steps that the recording has everywhere.
 
 use super::bins::Bins;
 use core::ops::Range;
@@ -14,11 +14,11 @@ const FEWEST: usize = 6;
 const LIMIT: f64 = 64.0;
 /// One of its steps is over this many errors.
 const ERRORS: f64 = 4.0;
-/// A step of a gyroscope that matters is over this part of what its bias usually does ..
+/// A step of a gyroscope that matters is over this part of what its bias usually does …
 const PART: f64 = 0.5;
-/// .. one of an accelerometer over this \[rad\]; the ramps find smaller ones ..
+/// … one of an accelerometer over this \[rad\]; the ramps find smaller ones …
 const ANGLE: f64 = 4e-3;
-/// .. and over this many steps of the values.
+/// … and over this many steps of the values.
 const STEPS: f64 = 3.0;
 /// A step is like another estimate of it to this part.
 const LIKE: f64 = 0.35;

@@ -11,15 +11,15 @@ const QUIETEST: f64 = 0.1;
 const FACTOR: f64 = 25.0;
 /// Bins on each side of a window, of the changes from bin to bin.
 const SIDE: usize = 6;
-/// Bins beside a motion that may belong to it.
+/// Bins next to a motion that may belong to it.
 const MARGIN: usize = 2;
 /// A shorter rest between two motions is none, in bins.
 const SHORTEST: usize = 8;
-/// Bins of a mean ..
+/// Bins of a mean …
 const MEAN: usize = 10;
-/// .. which at rest differs from the next one by less \[rad\] ..
+/// … which at rest differs from the next one by less \[rad\] …
 const HAND: f64 = 5e-3;
-/// .. or by less than so many times what the noise of the bins explains.
+/// … or by less than so many times what the noise of the bins explains.
 const NOISE: f64 = 3.0;
 
 /// Whether the IMU moved, by bin.

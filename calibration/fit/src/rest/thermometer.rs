@@ -10,25 +10,25 @@ use crate::transients::RampRecording;
 use core::ops::Range;
 use isotherm_statistics::median;
 
-/// Shorter times are no standing thermometer \[s\] ..
+/// Shorter times are no standing thermometer \[s\] …
 const SHORTEST_S: f64 = 20.0;
-/// .. without a jump afterwards.
+/// … without a jump afterwards.
 const SHORTEST_BY_BIAS_S: f64 = 60.0;
-/// It stands for over this many of the usual times from change to change ..
+/// It stands for over this many of the usual times from change to change …
 const TIMES: f64 = 5.0;
-/// .. and the jump afterwards is over this many of the usual changes.
+/// … and the jump afterwards is over this many of the usual changes.
 const JUMP: f64 = 4.0;
-/// .. and over this many steps of a coarse thermometer.
+/// … and over this many steps of a coarse thermometer.
 const STEPS: f64 = 2.5;
 /// Rows cover this part of the time in which it stands.
 const COVERED: f64 = 0.8;
 /// Parts of this time that show the change of a bias.
 const PARTS: usize = 8;
-/// A bias changes by over what so many changes of the temperature give ..
+/// A bias changes by over what so many changes of the temperature give …
 const CHANGES: f64 = 3.0;
-/// .. and over so many of its errors ..
+/// … and over so many of its errors …
 const ERRORS: f64 = 8.0;
-/// .. and over this part of what it usually does.
+/// … and over this part of what it usually does.
 const PART: f64 = 0.1;
 
 /// A time in which the temperature has one value.

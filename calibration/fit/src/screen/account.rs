@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-/// Bad rows that are told one by one, at most.
+/// Bad rows that are reported one by one, at most.
 const MOST: usize = 1 << 20;
 
 /// Why a row is bad.

@@ -6,19 +6,19 @@ use core::ops::Range;
 
 /// A jump is at least this part of the limit.
 const JUMP: f64 = 0.6;
-/// .. at the ends of the recording, where there is one jump in the place of two, at least this part of it ..
+/// … at the ends of the recording, where there is one jump in the place of two, at least this part of it …
 const JUMP_AT_END: f64 = 1.0;
-/// .. at least so many steps of the channel ..
+/// … at least so many steps of the channel …
 const JUMP_STEPS: f64 = 1.5;
-/// .. and within rows that are off, at least so many times the limit.
+/// … and within rows that are off, at least so many times the limit.
 const JUMP_INSIDE: f64 = 1.3;
 /// More rows in turn are no bad rows: the IMU moved, or its level changed.
 const LONGEST: usize = 40;
-/// Where a channel changes fast, a jump is over this many deviations of the changes nearby ..
+/// Where a channel changes fast, a jump is over this many deviations of the changes nearby …
 const FAST: f64 = 8.0;
-/// .. of so many rows on each side ..
+/// … of so many rows on each side …
 const NEARBY: usize = 15;
-/// .. and the values come back by this part of it.
+/// … and the values come back by this part of it.
 const BACK: f64 = 0.5;
 
 /// The rows that are off and begin and end with a jump.

@@ -4,17 +4,17 @@ use super::piece::Piece;
 use core::ops::Range;
 use std::collections::VecDeque;
 
-/// Rows that are judged with one parabola ..
+/// Rows that are judged with one parabola …
 const BLOCK: usize = 32;
-/// .. through these and so many on each side.
+/// … through these and so many on each side.
 const SIDE: usize = 48;
 /// Parts of these rows whose medians give the lines that are tried.
 const CELLS: usize = 10;
 /// Rows whose distances judge a line, at most.
 const JUDGES: usize = 64;
-/// A row is off by over this many standard deviations ..
+/// A row is off by over this many standard deviations …
 pub(super) const FAR: f64 = 6.5;
-/// .. and by over this many steps of the channel.
+/// … and by over this many steps of the channel.
 pub(super) const STEPS: f64 = 1.75;
 /// The deviation is at least this part of the usual one, and at least this part of a step.
 const LEAST: [f64; 2] = [0.7, 0.3];

@@ -3,7 +3,7 @@
 use super::piece::Piece;
 use core::ops::Range;
 
-/// Rows on each side that tell how often a value is repeated.
+/// Rows on each side that show how often a value is repeated.
 const NEARBY: usize = 256;
 /// Fewest equal rows in turn.
 const FEWEST: usize = 3;
@@ -11,9 +11,9 @@ const FEWEST: usize = 3;
 const CHANCE: f64 = 1e-2;
 /// The part of equal rows is known to this many standard errors.
 const DOUBT: f64 = 3.0;
-/// Runs of this part of a run's length and more are nearly as long ..
+/// Runs of this part of a run's length and more are nearly as long …
 const SIMILAR: [usize; 2] = [2, 3];
-/// .. and have less than this part of the rows.
+/// … and have less than this part of the rows.
 const RARE: f64 = 0.1;
 /// More equal rows than this part are those of a coarse channel.
 const COARSE: f64 = 0.05;
@@ -23,7 +23,7 @@ const VALUES: usize = 8;
 const LONGEST_OF_THERMOMETER: usize = 60;
 /// After equal rows a thermometer has to catch up with this part of what it usually changes in that time.
 const CAUGHT_UP: f64 = 0.5;
-/// .. and by over this many of its usual changes.
+/// … and by over this many of its usual changes.
 const AT_ONCE: f64 = 3.0;
 
 /// Equal rows in turn that are no chance, without the first of each run: it was measured.

@@ -25,7 +25,7 @@ const SHORT_BLOCKS: f64 = 48.0;
 const BEYOND: f64 = 0.02;
 /// A reading that goes away from both neighbours by more than this part of the range is broken.
 const SPIKE: f64 = 0.1;
-/// .. and by more than so many steps of the temperature, by which a coarse one goes there and back.
+/// … and by more than so many steps of the temperature, by which a coarse one goes there and back.
 const STEPS: f64 = 2.5;
 /// Fewest blocks of a recording.
 pub(super) const FEWEST_BLOCKS: usize = 24;
@@ -35,7 +35,7 @@ const PIECES: usize = 4;
 const PLAYS: [f64; 3] = [0.02, 0.07, 0.22];
 /// The start that was not soaked is a column for this many time constants.
 const START: f64 = 5.0;
-/// Chebyshev polynomials of a curve besides its constant.
+/// Chebyshev polynomials of a curve, without its constant.
 pub(super) const CURVE: usize = 3;
 
 /// What all biases have in common.

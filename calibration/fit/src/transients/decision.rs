@@ -10,7 +10,7 @@ const SHARED: f64 = 0.5;
 const INTERVAL: f64 = 3.0;
 /// The prediction with what a table can have, as a part of that of the static curve.
 const PREDICTS: f64 = 0.90;
-/// The prediction with lag and hysteresis, as a part of that with hysteresis alone.
+/// The prediction with lag and hysteresis, as a part of that with only hysteresis.
 const NOT_HYSTERESIS: f64 = 0.95;
 /// Least ratio of a transient to its standard error at the time constant.
 const SIGNIFICANT: f64 = 4.0;
@@ -165,10 +165,10 @@ fn reason(condition: &Condition, time_constant: &TimeConstantEstimate) -> String
             "a transient does not predict the sweeps left out: {figure:.2} of the error of the static curve, below {limit:.2} is needed"
         ),
         "lag-not-hysteresis" if !figure.is_finite() => {
-            "lag and hysteresis cannot be told apart without a sweep left out".to_owned()
+            "lag and hysteresis cannot be distinguished without a sweep left out".to_owned()
         }
         "lag-not-hysteresis" => format!(
-            "hysteresis explains as much: with a lag beside it the error on the sweeps left out is {figure:.2} of that with hysteresis alone, below {limit:.2} \
+            "hysteresis explains as much: with a lag in addition to it, the error on the sweeps left out is {figure:.2} of that with only hysteresis, below {limit:.2} \
              is needed"
         ),
         "significant" => format!(

@@ -69,7 +69,7 @@ struct LeftOut {
 
 /// The sweeps to leave out: those of recordings with another sweep, which gives the constant, and of these those
 /// without which one recording still has both directions. If there are none: with a time constant that was `given`
-/// every piece, else all sweeps.
+/// every piece, otherwise all sweeps.
 fn left_out(ramps: &Ramps, given: bool) -> Vec<LeftOut> {
     let others = |sweep: usize| {
         ramps.sweeps.iter().enumerate().filter(move |(other, _)| *other != sweep).map(|(_, other)| other)

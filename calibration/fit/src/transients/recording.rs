@@ -235,7 +235,7 @@ impl RampRecording {
         Ok(())
     }
 
-    /// What every row tells, whatever its values are.
+    /// What every row shows, whatever its values are.
     fn arrive(
         &mut self,
         raw: &RawSample,
@@ -257,7 +257,7 @@ impl RampRecording {
         Ok(())
     }
 
-    /// The values of a row; of a bad one, its time alone.
+    /// The values of a row; of a bad one, only its time.
     fn take(&mut self, raw: &RawSample, is_good: bool) {
         if !is_good {
             self.pass(raw);
@@ -399,7 +399,7 @@ impl RampRecording {
     }
 
     /// The stretch of these bins, each range of which is in order, as a recording of its own. The `first` stretch of a
-    /// recording keeps what is told of the whole.
+    /// recording keeps what is reported of the whole.
     pub(crate) fn stretch(&self, name: String, bins: &[Range<usize>], first: bool) -> Self {
         let times: Vec<Range<u64>> = bins.iter().map(|bins| self.times_of(bins)).collect();
         let whole = if first { self.clone() } else { Self { devices: self.devices, ..Self::new("") } };
@@ -498,7 +498,7 @@ fn implausible_gyroscopes(triad: &Triad) -> Option<String> {
     for (axis, name) in SensorKind::Gyroscope.names().iter().enumerate() {
         for (temperature, place) in [(triad.head_temperature[axis], "head"), (triad.board_temperature[axis], "board")] {
             if !temperature.is_finite() {
-                return Some(format!("g{}_{place} is {temperature}, which is no temperature", axis + 1));
+                return Some(format!("g{}_{place} is {temperature}, which is not a temperature", axis + 1));
             }
         }
         if triad.positive_pulses[axis] == u32::MAX || triad.negative_pulses[axis] == u32::MAX {

@@ -48,8 +48,8 @@ struct Replicates {
 }
 
 impl<'a> Grid<'a> {
-    /// The grid of a search, from what the temperature and the blocks resolve to a quarter of the longest sweep; or one
-    /// time constant alone.
+    /// The grid of a search, from what the temperature and the blocks resolve to a quarter of the longest sweep; or
+    /// only one time constant.
     pub(super) fn new(ramps: &'a Ramps, given_s: Option<f64>) -> Self {
         let (low, high) = (ramps.least_tau_s, ramps.longest_sweep_s / 4.0);
         let taus_s = match given_s {

@@ -79,7 +79,7 @@ fn of_bias(windows: &[Range<usize>], bias: usize, residuals: &[f64]) -> Option<S
     (largest.errors > ERRORS).then_some(largest)
 }
 
-/// The step in the middle of the values beside a line, with its standard error.
+/// The step in the middle of the values next to a line, with its standard error.
 fn step_of(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -116,7 +116,7 @@ pub(super) fn words(ramps: &Ramps, recordings: &[RampRecording], steps: &[Step])
     Some(format!("{}: moved {at}: {}", recording.name(), sizes.collect::<Vec<_>>().join(", ")))
 }
 
-/// `at 12:31 UTC` of a time since 1970, else `1:05:10 after its begin`.
+/// `at 12:31 UTC` of a time since 1970, otherwise `1:05:10 after its begin`.
 pub(crate) fn clock(time_ns: u64, age_s: f64) -> String {
     /// Earlier times count from something else, such as the start of a computer.
     const SINCE_1970: u64 = 946_684_800_000_000_000;

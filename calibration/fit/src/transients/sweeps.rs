@@ -12,11 +12,11 @@ use isotherm_support::finding::{Finding, Severity, name};
 
 /// A step over this part of what a curve spans makes a wrong curve.
 const STEP_OF_SPAN: f64 = 0.2;
-/// A recording has another shape if the band with it is over this many times that of the others, and its own ..
+/// A recording has another shape if the band with it is over this many times that of the others, and its own …
 const OTHER_BAND: f64 = 5.0;
-/// .. over this part of what the curve spans ..
+/// … over this part of what the curve spans …
 const OTHER_SPAN: f64 = 0.2;
-/// .. and over this part of the difference of the specific forces that the axis carries: a scale factor changes less.
+/// … and over this part of the difference of the specific forces that the axis carries: a scale factor changes less.
 const OTHER_FORCE: f64 = 0.03;
 /// More time without rows than this part of a recording is named.
 const MISSING: f64 = 0.01;
@@ -180,7 +180,7 @@ fn missing(recording: &RampRecording) -> Option<Finding> {
     (missing_s > MISSING * all_s).then(|| {
         let message = format!(
             "{}: rows are missing for {missing_s:.0} of {all_s:.0} s, the most for {gap_s:.0} s, {at_s:.0} s after its begin, from {from:.3} to \
-             {to:.3} of a1_head: there the curves come from other sweeps alone; give all pieces of the recording, or record the ramp again",
+             {to:.3} of a1_head: there the curves come only from other sweeps; give all pieces of the recording, or record the ramp again",
             recording.name()
         );
         Finding::warning(name::MISSING_ROWS, message)

@@ -99,7 +99,7 @@ pub(super) fn of_readings(readings: &[Reading], gravity: f64) -> Option<Finding>
     Some(Finding::fault(name::COUNT_OFFSET, message))
 }
 
-/// One axis alone whose bias is gravity: a device that takes what it reads at one attitude for its bias.
+/// Exactly one axis whose bias is gravity: a device that takes what it reads at one attitude for its bias.
 fn zeroed(found: &Ellipsoid, gravity: f64) -> Option<Finding> {
     let is_gravity = |bias: f64| (bias.abs() - gravity).abs() < ABOUT_GRAVITY * gravity;
     let axis = (0..AXES).find(|axis| is_gravity(found.bias[*axis]))?;
@@ -123,8 +123,8 @@ pub(super) fn unmeasured(ranges: &Ranges, measured: &Ranges) -> Option<Finding> 
     let [[low, high], [from, to]] = [joint(ranges), joint(measured)];
     (high - low > MUCH_WIDER * (to - from)).then(|| {
         let message = format!(
-            "the table is for temperature from {low} to {high}, but the static poses have {from:.2} to {to:.2}: the intervals hold in that \
-             span alone, and nothing is known of the rest; tumble at other temperatures, too"
+            "the table is for temperature from {low} to {high}, but the static poses have {from:.2} to {to:.2}: the \
+             intervals hold only in that span, and nothing is known of the rest; tumble at other temperatures, too"
         );
         Finding::warning(name::UNMEASURED, message)
     })
@@ -211,8 +211,9 @@ pub(super) fn not_stated(fitted: &TumbleFit<'_>, groups: &Groups) -> Option<Find
     let order = fitted.model.unknowns.order;
     (groups.count > 1 && groups.count <= order + 1).then(|| {
         let message = format!(
-            "{} groups of static poses, by file, power-up and temperature, for order {order}: nothing is left to tell what a group shares from \
-             temperature, so no errors of biases and scale factors are stated; take one more group, or a lower order",
+            "{} groups of static poses, by file, power-up and temperature, for order {order}: nothing is left to \
+             separate what a group shares from temperature, so no errors of biases and scale factors are stated; \
+             take one more group, or a lower order",
             groups.count
         );
         Finding::warning(name::NO_FREEDOM, message)

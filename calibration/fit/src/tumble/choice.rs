@@ -25,7 +25,7 @@ const MAX_AUTO_ORDER: usize = 3;
 /// Probability of choosing what has no effect.
 const SIGNIFICANCE: f64 = 0.01;
 /// Probability of choosing a K- of its own that is not there: it costs more than an order, as it makes the attitudes
-/// tell the parameters apart far worse.
+/// distinguish the parameters far worse.
 const SPLIT_SIGNIFICANCE: f64 = 0.001;
 /// A split of the scale factor needs readings beyond this share of gravity with both signs, and one within it.
 const SIGNED: f64 = 0.3;
@@ -94,7 +94,7 @@ impl<'a> Data<'a> {
         fit.inverse.is_some().then_some((model, fit))
     }
 
-    /// A fit that may become a table: its attitudes tell the unknowns apart, and it is that of an accelerometer.
+    /// A fit that may become a table: its attitudes distinguish the unknowns, and it is that of an accelerometer.
     fn candidate(self, order: usize, split: bool) -> Option<TumbleFit<'a>> {
         let (model, fit) = self.fit(order, split)?;
         let dilution = Dilution::of(&model, &fit, self.readings, self.gravity);
@@ -231,7 +231,7 @@ pub(super) fn choose<'a>(data: Data<'a>, options: &TumbleOptions) -> Result<Choi
     let Dilution { times_root_n, weakest, help } = &fitted.dilution;
     if *times_root_n > WARNED {
         let message = format!(
-            "the attitudes tell the parameters apart badly: D sqrt(n) is {}, over {WARNED}; worst: {}; what helps most: put the IMU down {help}",
+            "the attitudes distinguish the parameters badly: D sqrt(n) is {}, over {WARNED}; worst: {}; what helps most: put the IMU down {help}",
             shown(*times_root_n),
             weakest.join(", "),
         );
@@ -251,7 +251,7 @@ fn no_fit(data: Data<'_>, order: usize, split: bool) -> TumbleError {
     }
     TumbleError::Attitudes {
         message: format!(
-            "the attitudes do not tell the parameters apart, D sqrt(n) is {}, over {MOST}; worst",
+            "the attitudes do not distinguish the parameters, D sqrt(n) is {}, over {MOST}; worst",
             shown(dilution.times_root_n)
         ),
         parameters: dilution.weakest,
@@ -385,7 +385,7 @@ fn signs(readings: &[Reading], data: Data<'_>) -> Result<(), TumbleError> {
         ];
         if let Some((_, what)) = lacks.into_iter().find(|(there, _)| !there) {
             return Err(TumbleError::Refused(format!(
-                "--scale-factor split: {name} has no static pose with {what}, so its K+ and K- cannot be told from its bias; put the IMU down with {}",
+                "--scale-factor split: {name} has no static pose with {what}, so its K+ and K- cannot be separated from its bias; put the IMU down with {}",
                 match what {
                     "a positive reading" => format!("+{name} up"),
                     "a negative reading" => format!("-{name} up"),

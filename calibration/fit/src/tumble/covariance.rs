@@ -25,7 +25,7 @@ use nalgebra::{DMatrix, DVector};
 pub(super) const LAG_S: f64 = 60.0;
 /// Standard deviation of a value that is anywhere within 1 of its middle.
 const UNIFORM: f64 = 0.577_350_269_189_625_8;
-/// A shape with a trace under this share of its own is not seen beside the unknowns.
+/// A shape with a trace under this share of its own is not seen next to the unknowns.
 const UNSEEN: f64 = 1e-9;
 /// Least static poses of a group that a change of the temperature in time is taken from.
 const LEAST_IN_TIME: usize = 4;
@@ -100,14 +100,14 @@ impl Shapes {
         kind == NOISE || self.columns[kind].ncols() > 0
     }
 
-    /// U: V = s2 I + U U' for these variances.
+    /// U: `V = s2 I + U U'` for these variances.
     pub(super) fn scaled(&self, variances: &[f64; KINDS]) -> DMatrix<f64> {
         let scaled = self.columns.iter().zip(variances).map(|(columns, variance)| columns * variance.sqrt());
         beside(self.known.nrows(), &scaled.chain([self.known.clone()]).collect::<Vec<_>>())
     }
 }
 
-/// Matrices of `rows` rows beside each other.
+/// Matrices of `rows` rows, side by side.
 pub(super) fn beside(rows: usize, parts: &[DMatrix<f64>]) -> DMatrix<f64> {
     let mut all = DMatrix::zeros(rows, parts.iter().map(DMatrix::ncols).sum());
     let mut at = 0;

@@ -73,8 +73,8 @@ fn dead(
         if is_circle(readings, members, axis) {
             let name = AXIS_NAMES[axis];
             let message = format!(
-                "{}: over {} static poses {name} varies by {:.1} pulse/s while the others go round a circle: the IMU was turned about {name} \
-                 alone, or {name} is dead; put it down with +{name} and with -{name} up, too",
+                "{}: over {} static poses {name} varies by {:.1} pulse/s while the others go round a circle: the IMU \
+                 was turned only about {name}, or {name} is dead; put it down with +{name} and with -{name} up, too",
                 names(group),
                 members.len(),
                 ranges[axis]
@@ -160,7 +160,7 @@ fn no_gravity(readings: &[Reading]) -> Option<Finding> {
     })
 }
 
-/// The scale factors that a group alone shows; `None` unless its attitudes determine them.
+/// The scale factors that a single group shows; `None` unless its attitudes determine them.
 fn scale_factors(readings: &[Reading], members: &[usize]) -> Option<[f64; AXES]> {
     let group: Vec<Reading> = members.iter().map(|i| readings[*i].clone()).collect();
     let found = ellipsoid_about(&group, 1.0, |_| 0.0).filter(|_| group.len() >= LEAST_FOR_ELLIPSOID)?;

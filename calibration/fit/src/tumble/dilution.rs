@@ -5,7 +5,7 @@
 //! g: derivatives of an axis' output by the unknowns
 //! ```
 //! D is the error of the output for an error of 1 in each static pose; D sqrt(n) does not fall with the number n of
-//! static poses, so it tells how good their attitudes are.
+//! static poses, so it shows how good their attitudes are.
 
 use super::attitudes::{directions, up};
 use super::model::{GravityFit, GravityModel};
@@ -67,7 +67,7 @@ fn parts(model: &GravityModel<'_>) -> &'static [f64] {
     if model.unknowns.order == 0 { &[0.5] } else { &[0.0, 0.5, 1.0] }
 }
 
-/// The mean of g g' over attitudes, axes and the temperature's range: D^2 is the trace of its product with (J'J)^-1.
+/// The mean of `g g'` over attitudes, axes and the temperature's range: D^2 is the trace of its product with (J'J)^-1.
 fn moments(model: &GravityModel<'_>, fit: &GravityFit, gravity: f64) -> DMatrix<f64> {
     let parts = parts(model);
     let count = model.unknowns.count();

@@ -36,6 +36,6 @@ pub enum TumbleError {
     #[error("{0}")]
     Refused(String),
     /// The result is not a valid table.
-    #[error("the result is no valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    #[error("the result is not a valid table: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Table(Vec<ContentFault>),
 }

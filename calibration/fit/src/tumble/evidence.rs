@@ -168,9 +168,9 @@ impl Evidence {
         }
         let what = if groups.count == 2 { "the two groups of static poses" } else { "the groups of static poses" };
         let message = format!(
-            "{what}, by file, power-up and temperature, differ by {:.0}e-6 g0 in their biases and {:.0} ppm in their scale factors beyond \
-             what temperature explains (p {:.1e}): power-ups that differ, another unit in one, an order that is too low, or temperature that \
-             is not the element's",
+            "{what}, by file, power-up and temperature, differ by {:.0}e-6 g0 in their biases and {:.0} ppm in their \
+             scale factors beyond what temperature explains (p {:.1e}): power-ups that differ, another device in \
+             one, an order that is too low, or temperature that is not the element's",
             self.group_bias * 1e6,
             self.group_gain * 1e6,
             self.groups
@@ -215,7 +215,7 @@ fn walk(within: &Remainder) -> f64 {
 
 /// The probability by chance of a lag as long, and the lag \[s\].
 fn lag(within: &Remainder, shapes: &Shapes) -> (f64, f64) {
-    /// Share of z that must be left beside the unknowns.
+    /// Share of z that must be left next to the unknowns.
     const LEFT: f64 = 1e-18;
     let known = shapes.known.column(0);
     let z = within.shapes.known.column(0) / (LAG_S / 3.0_f64.sqrt());

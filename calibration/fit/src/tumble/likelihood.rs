@@ -33,7 +33,7 @@ pub(super) struct Variances {
     pub values: [f64; KINDS],
     /// One standard error more of all but the noise, of one group: few static poses show a variance of 0 by chance.
     pub careful: [f64; KINDS],
-    /// Twice the logarithm of their likelihood over that of the noise alone; infinite of given ones.
+    /// Twice the logarithm of their likelihood over that of only the noise; infinite of given ones.
     pub evidence: f64,
     /// Inverse of the information about those that are seen.
     information: DMatrix<f64>,
@@ -66,7 +66,7 @@ impl Likelihood {
         Self { reduced, floor }
     }
 
-    /// Q in the coordinates of the shapes; beside them it is 1/s2.
+    /// Q in the coordinates of the shapes; next to them it is 1/s2.
     fn inverse(&self, variances: &[f64; KINDS]) -> Option<DMatrix<f64>> {
         let shared = self.reduced.shapes.scaled(variances);
         let size = self.reduced.right.len();
@@ -116,7 +116,7 @@ impl Likelihood {
         Some(known)
     }
 
-    /// Twice the logarithm of the likelihood of these variances over that of the noise and the lags alone.
+    /// Twice the logarithm of the likelihood of these variances over that of only the noise and the lags.
     fn ratio_to_noise(&self, variances: &[f64; KINDS]) -> Option<f64> {
         let mut noise = [0.0; KINDS];
         let m = self.reduced.dimension() as f64;

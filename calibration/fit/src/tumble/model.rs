@@ -82,7 +82,7 @@ pub struct GravityModel<'a> {
     scale_factor: [f64; AXES],
     /// Centre and scale of head and board temperature.
     basis: [[[f64; 2]; AXES]; 2],
-    /// What the group of each static pose shares beside the unknowns.
+    /// What the group of each static pose shares next to the unknowns.
     offsets: Vec<Offsets>,
 }
 

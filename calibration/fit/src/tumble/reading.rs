@@ -45,7 +45,7 @@ pub struct Reading {
     /// Standard error of the net rates from the noise of the rows \[pulse/s\].
     pub noise: [f64; AXES],
     /// Rounding error of the net rates \[pulse/s\]: that of a step of the counts if at least 90 % of the rows have one
-    /// value, else 0.
+    /// value, otherwise 0.
     pub rounding: [f64; AXES],
     /// Net rates over the first and over the second half of the rows \[pulse/s\].
     pub halves: [[f64; AXES]; 2],
@@ -129,7 +129,7 @@ impl Reading {
     }
 }
 
-/// 1 over sqrt(12) if nearly all rows have one net count: noise far below a step averages no rounding. Else 0.
+/// 1 over sqrt(12) if nearly all rows have one net count: noise far below a step averages no rounding. Otherwise, 0.
 fn rounding(rows: &[RawSample], axis: usize) -> f64 {
     let triad = |row: &RawSample| row.accelerometers;
     let net =

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 /// Columns of the pivoted triangle below this share of the largest depend on the others.
 const DEPENDENT: f64 = 1e-9;
 
-/// Coordinates in which the shapes are not 0, and what the residuals have beside them.
+/// Coordinates in which the shapes are not 0, and what the residuals have in addition to them.
 pub(super) struct Remainder {
     /// The residuals.
     pub right: DVector<f64>,

@@ -25,7 +25,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Rounds of the groups' offsets.
 const ROUNDS: usize = 3;
-/// Twice the logarithm of the likelihood over that of the noise alone from which on the weights are taken: chance has
+/// Twice the logarithm of the likelihood over that of only the noise from which on the weights are taken: chance has
 /// less in 99 of 100 tumbles.
 const SHOWN: f64 = 8.0;
 /// A weighted fit that leaves so many times the squares of the one with equal weights, beyond the noise, is not taken.
@@ -37,7 +37,7 @@ pub(super) struct WeightedFit<'a> {
     pub unknown: DVector<f64>,
     /// Variances by kind, 0 where the static poses show none, with what is known of them.
     pub variances: Variances,
-    /// Variance of a length by the noise of the means alone \[g0^2\].
+    /// Variance of a length by only the noise of the means \[g0^2\].
     pub floor: f64,
     /// Derivatives at the last round, with the residual that the unknowns are a step from.
     pub fit: GravityFit,
@@ -195,8 +195,8 @@ impl<'a> WeightedFit<'a> {
         Some(f_tail(self.f(combinations)?, count as f64, freedom))
     }
 
-    /// The same with the ratios of the variances alone: their size is that of the residuals, at least `least` times
-    /// what it is.
+    /// The same with only the ratios of the variances: their size is that of the residuals, at least `least` times what
+    /// it is.
     pub(super) fn p_at_own_size(&self, combinations: &DMatrix<f64>, least: f64) -> Option<f64> {
         let freedom = self.residual.len().checked_sub(self.unknown.len()).filter(|freedom| *freedom > 0)? as f64;
         let left = self.left();

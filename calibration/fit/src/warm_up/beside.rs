@@ -23,7 +23,7 @@ pub(super) fn cubic(autopilot: Autopilot, bias: &Series, raw: &impl Fn(&BinValue
 }
 
 /// What parameters on board subtract from a bias at a temperature, by the firmware's formula \[g0 or deg/h\]; `None` if
-/// they are of accelerometers alone and this is a gyroscope. `gravity` is the value of 1 g0 \[m/s2\].
+/// they are only of accelerometers and this is a gyroscope. `gravity` is the value of 1 g0 \[m/s2\].
 pub(super) fn of_parameters(on_board: &OnBoard, bias: &Series, gravity: f64) -> Option<impl Fn(f64) -> f64> {
     let (kind, axis, parameters) = (bias.kind, bias.axis, on_board.parameters);
     parameters.offset(kind, 0.0)?;

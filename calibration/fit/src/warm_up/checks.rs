@@ -27,9 +27,9 @@ const COUNTS: &str = "it looks like counts of the thermometer: give temperature.
                       36.53, thousandths of a degree 0.001 and 0";
 /// Counts of thermometers have 16 bits.
 const MOST_COUNTS: f64 = 32_768.0;
-/// The temperature has settled where it moves by under this part of its largest rate ..
+/// The temperature has settled where it moves by under this part of its largest rate …
 const SETTLED: f64 = 0.1;
-/// .. for this part of a recording.
+/// … for this part of a recording.
 const SETTLED_PART: f64 = 0.02;
 /// The cubic of an autopilot leaves clearly less if it leaves less than this part.
 const BESIDE: f64 = 0.9;
@@ -88,7 +88,7 @@ pub(super) fn beside(biases: &[BiasCurve], gravity: f64) -> Vec<Finding> {
     };
     let all: Vec<_> = biases.iter().filter_map(better).collect();
     let message = format!(
-        "what stands beside leaves less of the same rows: {}; look at the residuals in the report, or give --order 3",
+        "what --beside names leaves less of the same rows: {}; look at the residuals in the report, or give --order 3",
         all.join(", ")
     );
     if all.is_empty() { Vec::new() } else { vec![Finding::warning(name::BESIDE_LEAVES_LESS, message)] }
@@ -157,7 +157,7 @@ fn celsius(recording: &RampRecording, nominal: &CoefficientTable) -> Option<Find
             "it looks like kelvin: subtract 273.15, with temperature.offset = -273.15 in a mapping (--mapping)"
         }
         () if low < CELSIUS[0] || high > CELSIUS[1] => {
-            "it is no temperature of an IMU: look at its column and its unit"
+            "it is not a temperature of an IMU: look at its column and its unit"
         }
         () => return None,
     };

@@ -3,7 +3,7 @@
 //! A warm-up slows down: most of its rows are of a few degrees at its end. Where the noise of the rows is all there is,
 //! a mean is as good as it has rows, and the plain fit of all rows is best. Where hysteresis or a floor of flicker
 //! moves the means by much more than that, more rows make a mean hardly better, and a plain fit would follow a few
-//! degrees. [`Scatter`] tells these from each other.
+//! degrees. [`Scatter`] distinguishes these.
 
 use crate::transients::BinValue;
 use core::ops::Range;
@@ -50,7 +50,7 @@ pub(super) enum Weight {
 pub(super) struct Scatter {
     /// Of one value: the noise of the rows.
     white: f64,
-    /// Of the mean of the usual number of values, beside that.
+    /// Of the mean of the usual number of values, next to that.
     floor: f64,
     usual: f64,
 }
@@ -95,7 +95,7 @@ pub(super) struct Mean {
 #[derive(Clone, Debug)]
 pub(super) struct Shape {
     range: [f64; 2],
-    /// Coefficients of the powers 1, 2, .. of the place in the range, -1 to 1.
+    /// Coefficients of the powers 1, 2, ... of the place in the range, -1 to 1.
     powers: Vec<f64>,
     /// `None` for recordings without bins in the fit.
     pub constants: Vec<Option<f64>>,

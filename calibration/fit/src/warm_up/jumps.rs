@@ -9,13 +9,13 @@ use isotherm_support::finding::{Finding, Severity, name};
 
 /// Jumps that are nearer, in half the bins, are one.
 const SIDE: usize = 4;
-/// A jump is over this part of what the bias usually does ..
+/// A jump is over this part of what the bias usually does …
 const PART: f64 = 0.2;
-/// .. over this many of the robust standard deviations of what is no jump ..
+/// … over this many of the robust standard deviations of what is no jump …
 const ERRORS: f64 = 12.0;
-/// .. and over this many times the jump after the largest ones: coarse values jump by a step wherever they change.
+/// … and over this many times the jump after the largest ones: coarse values jump by a step wherever they change.
 const LARGER: f64 = 2.0;
-/// The largest ones: so many bumps are told.
+/// The largest ones: this many bumps are reported.
 const RARE: usize = 5;
 /// What the bias usually does is between these parts of its sorted values.
 const USUAL: [f64; 2] = [0.05, 0.95];
@@ -62,7 +62,7 @@ fn jump(bias: &Series, recording: usize) -> Option<Jump> {
     let last = values.len().saturating_sub(2);
     let spike = |i: usize| if is_whole(i - 2, i + 3) { values[i] - middle(i - 2..i + 3) } else { 0.0 };
     let spikes: Vec<f64> = (2..last).map(spike).collect();
-    // The slope of the temperature is taken off: that of the bins beside it.
+    // The slope of the temperature is taken off: that of the bins next to it.
     let (i, size, others) = largest_of(&spikes)?;
     let limit = (PART * usual).max(ERRORS * robust_sd(&spikes)).max(LARGER * others);
     (size.abs() > limit).then(|| Jump { size, age_s: bins[i + 2].age_s })

@@ -24,9 +24,9 @@ pub struct WarmUpOptions {
     /// Reference temperature, in the temperature's unit: accelerometers keep the bias of the nominal table there. Mid
     /// range if `None`.
     pub at: Option<f64>,
-    /// Curves of autopilots to show beside.
+    /// Curves of autopilots to compare with.
     pub beside: Vec<Autopilot>,
-    /// Parameters to show beside. The temperature must be in degC then.
+    /// Parameters to compare with. The temperature must be in degC then.
     pub on_board: Vec<OnBoard>,
     /// Names of faults that are only warnings; see [`name`](isotherm_support::finding::name).
     pub accept: Vec<&'static str>,

@@ -1,13 +1,13 @@
 //! The order of the curves.
 //!
 //! The cubic of the autopilots is the order to beat. A higher one is taken if it predicts sweeps that it was not fitted
-//! to clearly better: neighbouring rows are the same point, so that no test of the fit itself tells it, and a higher
-//! order always fits better. One sweep does not tell a curve from hysteresis: there the cubic is the highest.
+//! to clearly better: neighbouring rows are the same point, so that no test of the fit itself shows it, and a higher
+//! order always fits better. One sweep does not distinguish a curve from hysteresis: there the cubic is the highest.
 //!
 //! A lower order is never chosen. Terms that are not there cost little: the error of a line fitted by a cubic is that
 //! of the cubic, which the interval states. A term that is there and not seen costs as much as it is large: over
 //! hundreds of simulated devices any rule that drops terms within 1.5 to 2 standard errors doubled the error of one now
-//! and then. Blocks of time tell nothing: in a warm-up that slows down they are blocks of temperature, and leaving one
+//! and then. Blocks of time show nothing: in a warm-up that slows down they are blocks of temperature, and leaving one
 //! out asks for an extrapolation over tens of degrees, which punishes every order.
 //!
 //! All biases have one order: a figure of a single axis is chance.

@@ -149,7 +149,7 @@ impl WarmUpCalibration {
             .collect();
         if bands.is_empty() {
             return format!(
-                "{made}; their error is not known: no recordings heat and cool over half of the range; noise alone gives 95 % intervals, at one temperature each, of {}, \
+                "{made}; their error is not known: no recordings heat and cool over half of the range; only noise gives 95 % intervals, at one temperature each, of {}, \
                  and elements that are {BEHIND_S} s behind their temperature would make them wrong by {}",
                 self.sizes(|it| it.interval),
                 self.sizes(|it| it.behind)

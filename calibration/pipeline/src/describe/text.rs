@@ -23,7 +23,7 @@ pub(super) fn text(of: &FileDescription) -> String {
     for job in of.jobs.iter().filter(|job| job.good) {
         let _ = writeln!(text, "  good for {:20} {}", job.job, job.command);
     }
-    // Of a file that cannot be read one reason is enough.
+    // One reason is enough for a file that cannot be read.
     let mut left: Vec<_> = of.jobs.iter().filter(|job| !job.good && of.error.is_none()).collect();
     while let Some(reason) = left.first().map(|job| job.reason.clone()) {
         let (same, others): (Vec<_>, _) = left.into_iter().partition(|job| job.reason == reason);

@@ -60,7 +60,7 @@ impl FileDescription {
             }
             FileKind::Mapping => {
                 self.kind = DescribedKind::Mapping;
-                // Of data whose columns are known there are none in it.
+                // It has none of data whose columns are known.
                 let columns = Mapping::from_toml(&text).map(|mapping| mapping.columns().count());
                 self.notes.extend(columns.ok().map(|columns| format!("it names {columns} columns")));
             }

@@ -110,7 +110,7 @@ fn value(number: &str) -> f64 {
     number.replace('\u{2212}', "-").replace(',', ".").parse().unwrap_or(f64::NAN)
 }
 
-/// The numbers of a name. A sign belongs to a number unless a digit or a letter that is no unit stands before it alone.
+/// The numbers of a name. A sign belongs to a number unless a digit or a letter that is no unit is by itself before it.
 fn read(name: &str) -> Name {
     let letters: Vec<char> = name.chars().collect();
     let (mut words, mut numbers) = (vec![String::new()], Vec::new());

@@ -44,7 +44,7 @@ impl TimeColumns {
 }
 
 /// What no file says.
-const HEAD: &str = r#"# Proposed by `isotherm calibrate turntable --propose` from the files alone. Fill in every "?", and check
+const HEAD: &str = r#"# Proposed by `isotherm calibrate turntable --propose` only from the files. Fill in every "?", and check
 # what a comment calls a guess; then: isotherm check campaign.toml
 format = 1
 imu = "?"                       # the name of the IMU: 1 to 32 of a-z 0-9 - _

@@ -11,7 +11,7 @@
 //! there and not seen costs as much as it is large. Any rule that drops terms within their errors makes the error of
 //! some curves two to three times as large.
 //!
-//! A higher order must be significant, and the points' own errors, where repeated measurements tell them, must say that
+//! A higher order must be significant, and the points' own errors, where repeated measurements show them, must say that
 //! the model's order does not fit (lack of fit against pure error):
 //!
 //! ```text
@@ -39,7 +39,7 @@ pub struct Rule {
     pub own_error: Option<PureError>,
 }
 
-/// What repeated measurements at the points tell of the error of one point, whatever the curve.
+/// What repeated measurements at the points show of the error of one point, whatever the curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PureError {
     /// Variance of a point.
@@ -87,14 +87,15 @@ pub fn choose(regression: &Regression, rule: &Rule) -> Choice {
     let own = rule.own_error.filter(|own| own.freedom > 0.0 && own.variance.is_finite());
     let least = model.order;
     if order < least {
-        let reason = format!("{least} at least, the order of the model; the data alone would give {order}: {reason}");
+        let reason =
+            format!("{least} at least, the order of the model; without it the data would give {order}: {reason}");
         return Choice { order: least, reason };
     }
     match own.map(|own| lack_of_fit(model, &own)) {
         Some(p) if order > least && p >= rule.significance => Choice {
             order: least,
             reason: format!(
-                "{least}, the order of the model, which the points meet to within their own errors ({}); the data alone would give \
+                "{least}, the order of the model, which the points meet to within their own errors ({}); without it the data would give \
                  {order}: {reason}",
                 against("p", p, rule.significance)
             ),
@@ -109,7 +110,7 @@ fn lack_of_fit(model: &Fit, own: &PureError) -> f64 {
     if scatter == 0.0 { 1.0 } else { f_tail(scatter / own.variance, model.df_residual as f64, own.freedom) }
 }
 
-/// A probability beside its limit, with as many digits as tell the two apart.
+/// A probability next to its limit, with as many digits as distinguish the two.
 fn against(name: &str, p: f64, limit: f64) -> String {
     let text = |value: f64, digits: usize| format!("{value:.digits$e}");
     let digits = (1..17).find(|&digits| p == limit || text(p, digits) != text(limit, digits)).unwrap_or(17);

@@ -8,7 +8,7 @@ use serde::Serialize;
 /// ones.
 const COARSE: f64 = 100.0;
 
-/// A column that enters linearly, beside the polynomial of x.
+/// A column that enters linearly, in addition to the polynomial of x.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearColumn {
     /// Its name.
@@ -85,10 +85,10 @@ pub(super) fn resolution(values: impl Iterator<Item = f64> + Clone) -> f64 {
 
 /// Refuses columns of `linear` that are constant, or that follow from other columns to within their last digits.
 ///
-/// R has the columns in the order 1, z1 .. zq, x, x^2 .. Without pivoting its diagonal element j, divided by R_00 =
+/// R has the columns in the order 1, z1 ... zq, x, x^2, ... Without pivoting its diagonal element j, divided by R_00 =
 /// sqrt(sum w), is the rms of what remains of column j after its regression on the columns before it. The coefficients
-/// of this regression tell which columns it follows from; `resolution_of_x` is that of the centred and scaled x. Powers
-/// of x that follow from lower powers alone are not refused here, as without linear columns.
+/// of this regression show which columns it follows from; `resolution_of_x` is that of the centred and scaled x. Powers
+/// of x that follow only from lower powers are not refused here, as without linear columns.
 pub(super) fn check_rank(
     linear: &[CentredColumn],
     x: &str,

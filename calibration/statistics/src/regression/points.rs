@@ -36,7 +36,7 @@ pub enum RegressionError {
         distinct: usize,
     },
     /// More coefficients than points.
-    #[error("order {order} beside {linear} linear columns needs {} points, there are {points}", order + linear + 1)]
+    #[error("order {order} with {linear} linear columns needs {} points, there are {points}", order + linear + 1)]
     TooFewRows {
         /// The requested order.
         order: usize,
@@ -56,7 +56,7 @@ pub enum RegressionError {
         points: usize,
     },
     /// A linear column without variation.
-    #[error("the column {0} has the same value in every row: it cannot be told from the constant; leave it out")]
+    #[error("the column {0} has the same value in every row: it cannot be separated from the constant; leave it out")]
     Constant(String),
     /// Columns of which each follows from the others to within its last digit.
     #[error("{}", dependent(columns, *power))]

@@ -1,5 +1,5 @@
-//! Columns that enter a regression linearly, beside the polynomial of x: their figures, and the refusal of columns that
-//! say the same.
+//! Columns that enter a regression linearly, in addition to the polynomial of x: their figures, and the refusal of
+//! columns that say the same.
 
 use isotherm_statistics::{
     DataPoint, DoubleDouble, LinearColumn, OrderTable, Regression, RegressionError, Rule, choose, default_order,
@@ -166,7 +166,7 @@ fn the_transient_and_the_order_beside_it_are_found() {
     let without = Regression::new(points(&u, y), order).unwrap();
     assert!(without.fits().iter().all(|fit| fit.residual_sd.unwrap() > 2.0));
     assert!(OrderTable::choose(without, &Rule::default()).json().get("linear").is_none());
-    // Scatter about the column alone is a constant and the column.
+    // Scatter about only the column is a constant and the column.
     let alone = points(&u, |i| difference[i] + DoubleDouble::from(0.01 * scatter(i)));
     let choice = choose(&Regression::with_linear(alone, "u", vec![column], order).unwrap(), &Rule::default());
     assert!(choice.order == 0 && choice.reason.contains(": a constant and the linear columns"), "{}", choice.reason);
@@ -256,7 +256,7 @@ fn a_power_of_x_is_refused_with_the_order_that_is_possible() {
 #[test]
 fn columns_with_a_little_of_their_own_are_fitted_and_warned_of() {
     let (u, _) = temperature(6);
-    // Zeros and ones, small whole numbers, and a tenth of a millivolt beside the temperature itself.
+    // Zeros and ones, small whole numbers, and a tenth of a millivolt next to the temperature itself.
     let phase: Vec<_> = (0..u.len()).map(|i| DoubleDouble::from(f64::from(i / 63 % 2 == 0))).collect();
     let position: Vec<_> = (0..u.len()).map(|i| DoubleDouble::from((i % 5) as f64)).collect();
     let beside: Vec<_> =

@@ -8,12 +8,12 @@ use isotherm_support::finding::{Finding, name};
 /// points does not show.
 pub const GATE_FLOOR: f64 = 10e-6;
 /// Largest bound of a gate that nobody has stated \[g0\]: 20 arcsec of level, five times what one expects of such an
-/// IMU. Whoever has a turntable or an IMU that is worse knows it, and states a bound.
+/// IMU. A user with a worse turntable or IMU knows it, and states a bound.
 pub(crate) const GATE_MOST: f64 = 100e-6;
 /// The same for a fit that does not explain its data: with accepted faults, or with a warning that says so \[g0\].
 pub(crate) const GATE_ACCEPTED: f64 = 20e-6;
-/// Warnings that the model does not explain the data, or not all of it. What they tell of is in the residuals, and so
-/// in the bound.
+/// Warnings that the model does not explain the data, or not all of it. What they report is in the residuals, and so in
+/// the bound.
 const UNEXPLAINED: [&str; 4] = [name::LEVEL, name::LACK_OF_FIT, name::RESIDUALS, name::OUTLIER];
 /// What a table without alignment matrix may leave, if nobody has stated a bound \[g0\]: a fit of few set points has a
 /// wide bound, but this is an error that it has seen.

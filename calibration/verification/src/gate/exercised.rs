@@ -1,5 +1,5 @@
 //! What the verification runs have exercised together. What no run has exercised is not judged: the gate says so, and
-//! does not install it where that can be told.
+//! does not install it where that is known.
 //!
 //! - **Channels.** A run judges the scale factor of a channel if the specific force along the accelerometer has the
 //!   sign of the channel, and at least [`DRIVEN`]. A channel that no run drives must agree with the table in force. No

@@ -82,7 +82,7 @@ fn requirements_are_read_and_printed() {
     }
     for (wrong, words) in [
         ("bias=-20ug0", "bias must be over 0"),
-        ("bias=20ug0,", "a bound beside a comma is empty"),
+        ("bias=20ug0,", "a bound next to a comma is empty"),
         ("bias=1e308g0", "bias must be from 0.001 ug0 to 1 g0"),
         ("5,6", "factor is given twice"),
     ] {
@@ -156,7 +156,7 @@ fn a_bound_is_met_only_if_the_whole_interval_is_within_it() {
     let both: Requirement = "11,bias=10ug0".parse().unwrap();
     let message = both.check(&stability(0.2e-6, true)).unwrap_err();
     assert_eq!(message.lines().count(), 4, "{message}");
-    assert!(message.ends_with("\nremedy: calibrate anew, or look at the report"), "{message}");
+    assert!(message.ends_with("\nremedy: calibrate again, or look at the report"), "{message}");
     // A run that was cut to both ends of the table's range shows nothing between.
     let mut cut = stability(0.2e-6, true);
     cut.covered.occupancy[1][0] = Occupancy::of([1.0, 2.0], [[1.0, 1.05], [1.9, 2.0]]);

@@ -78,8 +78,8 @@ impl Coverage {
         self.occupancy.each_ref().map(|pair| pair.each_ref().map(Occupancy::part))
     }
 
-    /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Of gyroscopes only the
-    /// biases count.
+    /// The curve that is covered least, by axis and index: 0 for the bias, 1 for K+ and K-. Only the biases of
+    /// gyroscopes count.
     #[must_use]
     pub fn least(&self) -> (usize, usize) {
         let parts = self.parts();

@@ -32,8 +32,8 @@ pub enum StabilityError {
     },
     /// Samples of another device than the table's.
     #[error(
-        "{samples} samples are of another device than the table's, which has the serial number {serial:?}; take the table of that unit, or give \
-         --other-device"
+        "{samples} samples are of another device than the table's, which has the serial number {serial:?}; use the \
+         table of that device, or give --other-device"
     )]
     OtherDevice {
         /// How many.

@@ -5,8 +5,8 @@
 //! that of the worst error. Where it is not known, the median of the output is subtracted instead, and only the
 //! variation is judged.
 //!
-//! The table's g-sensitivity is part of the full model. Of the frozen coefficients it is too, with the frozen output of
-//! the accelerometers.
+//! The table's g-sensitivity is part of the full model. It is also part of the frozen coefficients, with the frozen
+//! output of the accelerometers.
 //!
 //! **Random walk** is the noise of a window times the root of the window's length: of white noise of the rate it does
 //! not depend on that length. The pulses' rounding is part of it, and is most of it in short windows.

@@ -32,7 +32,7 @@ pub enum LocalGravity {
 }
 
 impl LocalGravity {
-    /// The stated value, else that of the table's provenance.
+    /// The stated value, otherwise that of the table's provenance.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

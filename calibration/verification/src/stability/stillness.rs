@@ -153,7 +153,7 @@ pub(super) fn mark(
     };
     let stays = stays(&causes, follows);
     let middle_of = |stay: &[usize]| [0, 1, 2].map(|axis| median(stay.iter().map(|index| outputs[*index][axis])));
-    // Of two stays of one size, the first.
+    // If two stays have one size, the first.
     let possible = (0..stays.len()).rev().filter(|stay| can_be(middle_of(&stays[*stay])));
     let main = possible.max_by_key(|stay| stays[*stay].len());
     for (stay, _) in stays.iter().zip(at_attitude(&stays, main, follows)).filter(|(_, at_attitude)| !at_attitude) {
@@ -171,7 +171,7 @@ fn limits(values: &dyn Fn(usize) -> Vec<f64>, [least, most]: [f64; 2]) -> [f64; 
     [0, 1, 2].map(|axis| (TIMES_USUAL * median(values(axis))).max(least).min(most))
 }
 
-/// Why a window does not count, as far as it shows that alone.
+/// Why a window does not count, as far as it shows that by itself.
 fn moved(windows: &[Window], spreads: &[[f64; AXES]], bounds: &Bounds) -> Vec<Option<Cause>> {
     let finite = |output: &[f64; AXES]| output.iter().all(|value| value.is_finite());
     let spread = limits(&|axis| spreads.iter().map(|spread| spread[axis]).collect(), bounds.attitude);

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 /// Print the commands and their options as JSON
 ///
-/// Print every command that works on files, with its options and their help, as JSON for other programs.
+/// Prints every command that works on files, with its options and their help, for other programs.
 #[derive(Debug, Args)]
 pub struct Arguments {}
 

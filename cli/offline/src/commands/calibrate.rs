@@ -19,9 +19,9 @@ use warm_up::WarmUp;
 
 /// Make a coefficient table from measurements
 ///
-/// There are three ways to measure: a campaign on a turntable in the temperature chamber, a tumble in many attitudes by
-/// hand, and a warm-up at one attitude. Each writes a sealed table with its provenance. What the data cannot show is
-/// refused, never guessed.
+/// There are three ways to measure: a campaign on a turntable in a temperature chamber, a tumble through many attitudes
+/// by hand, and a warm-up at one attitude. Each command writes a sealed table with its provenance. A parameter that the
+/// data cannot show is refused, never guessed.
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,

@@ -85,7 +85,7 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
     let campaigns = file.campaigns()?;
     let imus: Vec<_> = campaigns.iter().map(|campaign| campaign.imu.as_str()).collect();
     let imus = imus.join(", ");
-    // The others differ by their mountings alone.
+    // The others differ only by their mountings.
     let Some(campaign) = campaigns.first() else { return Ok(String::new()) };
     let ramps = match campaign.ramps.len() {
         0 => String::new(),
@@ -93,7 +93,7 @@ fn campaign(text: &str, path: &Path) -> Result<String, Failure> {
         ramps => format!(", {ramps} ramps"),
     };
     if let Some(curves) = campaign.curves.as_ref().filter(|_| campaign.has_ramps_alone()) {
-        return Ok(format!("campaign of {imus}{ramps} alone, curves of {curves}"));
+        return Ok(format!("campaign of {imus}{ramps} only, curves of {curves}"));
     }
     if campaign.is_tumble {
         let recordings = match campaign.samples.len() {

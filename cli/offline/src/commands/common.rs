@@ -25,9 +25,10 @@ use tracing::{info, warn};
 pub struct LagArgs {
     /// Set the lag of recordings without one [s]
     ///
-    /// Time constant of the lagged temperature, for a recording that has none [s]; or none.
+    /// The time constant of the lagged temperature, for a recording without that column; or none.
     ///
-    /// That of the table unless given; feed asks the service. Lagged temperature in the recording is used as it is
+    /// Default: the time constant of the table; feed asks the service for it. A lagged temperature in the recording is
+    /// used unchanged
     #[arg(long = "lag", value_name = "S|none", value_parser = crate::parse::lag)]
     pub ns: Option<u64>,
 }
@@ -38,58 +39,62 @@ const TIME_SOURCES: [(TimeSource, &str); 3] =
 
 /// How data of other programs are read, which take the place of a recording.
 #[derive(Clone, Debug, Default, Args)]
-#[command(next_help_heading = "Data of other programs")]
+#[command(next_help_heading = "Third-party data")]
 pub struct ForeignArgs {
-    /// What the columns of a text are (TOML)
+    /// Read this mapping of a text's columns (TOML)
     #[arg(long, value_name = "M.toml")]
     pub mapping: Option<PathBuf>,
     /// Set the temperature of all rows
     ///
-    /// Temperature of all rows, in the unit of the table, for data that have none.
+    /// In the unit of the table, for data without a temperature.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     pub temperature: Option<f64>,
     /// Set the nominal interval [s]
     ///
-    /// Nominal interval [s] [default: that of the mapping, or found from the time]
+    /// Default: the interval in the mapping, or the one found from the times
     #[arg(long, value_name = "S", value_parser = crate::parse::interval)]
     pub interval: Option<Duration>,
-    /// Choose where the times come from
+    /// Choose the source of the times
     ///
-    /// Where the times come from: header, the stamps of the rows or messages; log, when the messages of a bag were
-    /// recorded; rate, rows are one interval apart, which has to be known [default: header]
+    /// header: the stamps of the rows or messages. log: the times at which the messages of a bag were recorded. rate:
+    /// the rows are one interval apart, which must be known [default: header]
     #[arg(long, value_name = "SOURCE", value_parser = one_of(TIME_SOURCES))]
     pub time: Option<TimeSource>,
-    /// Topic of the sensor_msgs/msg/Imu, if there are several
+    /// Choose the topic of the sensor_msgs/msg/Imu
+    ///
+    /// Required if there are several.
     #[arg(long, value_name = "TOPIC")]
     pub topic: Option<String>,
     /// Choose the topic of the gyroscopes
     ///
-    /// Topic of the gyroscopes, if accelerometers and gyroscopes have a topic each.
+    /// For data in which accelerometers and gyroscopes have separate topics.
     #[arg(long, value_name = "TOPIC")]
     pub gyroscope_topic: Option<String>,
     /// Read the gyroscopes from this file
     ///
-    /// File of the gyroscopes, if accelerometers and gyroscopes have a text each; the mapping is of both.
+    /// For data in which accelerometers and gyroscopes have separate texts. The mapping describes both.
     #[arg(long, value_name = "FILE")]
     pub gyroscope_file: Option<PathBuf>,
-    /// Topic of the sensor_msgs/msg/Temperature, if there are several
+    /// Choose the topic of the sensor_msgs/msg/Temperature
+    ///
+    /// Required if there are several.
     #[arg(long, value_name = "TOPIC")]
     pub temperature_topic: Option<String>,
     /// Choose an IMU of an autopilot's log
     ///
-    /// IMU of an autopilot's log, if there are several: its number there, from 0.
+    /// The number of the IMU in the log, from 0. Required if the log has several IMUs.
     #[arg(long, value_name = "N")]
     pub instance: Option<u32>,
-    /// Choose the gyroscopes' temperature in a log
+    /// Choose the gyroscopes' temperature in an autopilot's log
     ///
-    /// Whose temperature the gyroscopes of an autopilot's log have, if they have none of their own.
+    /// For logs in which the gyroscopes have no temperature of their own.
     #[arg(long, value_name = "SENSOR", value_parser = one_of([(GyroscopeTemperature::Accelerometer, "accelerometer")]))]
     pub gyroscope_temperature: Option<GyroscopeTemperature>,
-    /// Keep the order in which pieces are named
+    /// Keep the given order of the pieces
     ///
-    /// If sequences and clocks do not show the order of pieces, take them as named. Sequences show the order of the
-    /// pieces of a session. Clocks show that of sessions, and of pieces whose times do not overlap. Pieces without
-    /// times then continue each other.
+    /// Applies if sequences and clocks do not show the order of the pieces. Sequences show the order of pieces of one
+    /// session. Clocks show the order of sessions, and of pieces whose times do not overlap. Pieces without times then
+    /// continue each other.
     #[arg(long)]
     pub in_order: bool,
 }
@@ -176,13 +181,13 @@ impl OfData {
         Self { findings: self.findings.clone(), notes: Vec::new() }
     }
 
-    /// Tells findings and notes, where nothing can be refused any more.
+    /// Prints findings and notes, where nothing can be refused any more.
     pub fn tell(&self) {
         self.findings.iter().for_each(|finding| warn!("{}", finding.tagged(|line| line.to_string())));
         self.notes.iter().for_each(|note| info!("{note}"));
     }
 
-    /// Admits what a command found in the rows, and what was found in the data; then tells the notes: what is wrong
+    /// Admits what a command found in the rows, and what was found in the data; then prints the notes: what is wrong
     /// comes first. The rows' gaps are not named twice.
     ///
     /// # Errors
@@ -231,7 +236,7 @@ impl GyroscopeCheck {
 pub struct JsonOption {
     /// Print one JSON document instead of text
     ///
-    /// It goes to stdout, also that of a failure.
+    /// It goes to stdout, also in case of a failure.
     #[arg(long)]
     json: bool,
 }
@@ -294,15 +299,15 @@ pub fn inputs(recording: &[PathBuf]) -> Vec<(&Path, &'static str)> {
 /// Which findings the user accepts.
 #[derive(Clone, Debug, Default, Args)]
 pub struct AcceptanceArgs {
-    /// Go on in spite of this fault
+    /// Continue in spite of this fault
     ///
-    /// Go on in spite of a fault of this name, which stands in brackets in the fault's line; several with commas, or
-    /// repeated. The provenance of a table has the names.
+    /// The message of a fault contains its name in brackets. Give several names with commas, or repeat the option. The
+    /// provenance of a table lists the accepted names.
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = name::acceptable)]
     pub accept: Vec<&'static str>,
-    /// Take every warning for a fault
+    /// Treat every warning as a fault
     ///
-    /// Take every warning that is not accepted for a fault.
+    /// Applies to every warning that is not accepted.
     #[arg(long)]
     pub strict: bool,
 }
@@ -350,7 +355,7 @@ pub fn refuse_other_imu(
     let (imu, file, table) = (imu.escape_debug(), joined_paths(recording), shown(path));
     let message = format!(
         "{file}: the recording is of {imu}, and the table {table} of {of_table}; give the table of {imu}, or take it \
-         all the same with --other-imu"
+         anyway with --other-imu"
     );
     Err(Failure::new(Exit::Config, message).at(path, None))
 }
@@ -360,7 +365,7 @@ pub fn joined_paths(recording: &[PathBuf]) -> String {
     recording.iter().map(|path| shown(path).to_string()).collect::<Vec<_>>().join(", ")
 }
 
-/// The IMU whose samples are read for a table: `imu` if it is given, or else the table's.
+/// The IMU whose samples are read for a table: `imu` if it is given, otherwise the table's.
 pub fn choice(imu: Option<ImuId>, table: &CoefficientTable) -> ImuChoice {
     imu.map_or_else(|| ImuChoice::Prefer(table.content().imu.clone()), ImuChoice::Only)
 }

@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 
 /// Show what changed between tables of one IMU
 ///
-/// Show what has changed between tables of one IMU, by more than their errors.
+/// Shows the changes that exceed the errors of the tables.
 ///
-/// Curves are compared, never coefficients: other orders, units, centres and values of 1 g0 do not matter. The errors
-/// are those of both provenances; without them the values alone are shown. Of three tables or more the oldest and the
-/// newest are compared, and each quantity gets a line over the dates.
+/// Curves are compared, not coefficients, so different orders, units, centres and values of 1 g0 do not matter. The
+/// errors come from both provenances; without them only the values are shown. If there are three or more tables, the
+/// oldest and the newest are compared, and the report has a line over the dates for each quantity.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm compare 2025.toml 2026.toml --require bias=20ug0,scale=50ppm,alignment=20urad\n  isotherm compare 2023.toml 2024.toml 2025.toml 2026.toml --report years.html"
@@ -24,24 +24,24 @@ use std::path::{Path, PathBuf};
 pub struct Compare {
     /// Compare these tables, the old one first
     ///
-    /// Coefficient tables: the old one and the new one, or three or more in any order.
+    /// Give the old one and the new one, or three or more in any order.
     #[arg(value_name = "TABLE.toml", required = true, num_args = 2..)]
     tables: Vec<PathBuf>,
     /// Fail unless differences are within these bounds
     ///
-    /// Fail unless the differences are within every bound: bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h.
+    /// Give bounds such as bias=20ug0,scale=50ppm,alignment=20urad,rate=0.05deg/h.
     ///
-    /// bias: of every accelerometer (ug0, mg0); scale: of K+ and K- of every sensor (ppm); alignment: of every entry of
-    /// the matrices (urad, arcsec); rate: of the bias of every gyroscope (deg/h). The whole band counts: a difference
-    /// whose band reaches over the bound is undecided, which fails too
+    /// bias: of every accelerometer (ug0, mg0). scale: of K+ and K- of every sensor (ppm). alignment: of every entry of
+    /// the matrices (urad, arcsec). rate: of the bias of every gyroscope (deg/h). The whole band counts: a difference
+    /// whose band exceeds the bound is undecided, which also fails
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<ComparisonRequirement>,
-    /// Compare tables of different IMUs, too
+    /// Accept tables of different IMUs
     ///
-    /// Compare tables of different IMUs too; they are refused otherwise.
+    /// They are refused otherwise.
     #[arg(long)]
     other_device: bool,
-    /// Where the report goes (HTML)
+    /// Write the report to this file (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]

@@ -21,58 +21,57 @@ use std::io;
 use std::path::{Path, PathBuf};
 use tracing::info;
 
-/// Make a recording of data from other programs
+/// Convert third-party data into a recording
 ///
-/// Make a recording of data from other programs: text, NovAtel logs, ROS messages, logs of autopilots.
+/// Converts text, NovAtel logs, ROS messages, and logs of autopilots.
 ///
-/// A text (CSV, with any separator) needs a mapping file, which says what its columns are; without one, the mapping
-/// that would be is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog
-/// of PX4, and DataFlash of ArduPilot (.bin, or .log as text) need none.
+/// A text (CSV, with any separator) needs a mapping file, which describes its columns. Without one, a proposed mapping
+/// is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog of PX4, and
+/// DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub struct Convert {
-    /// Read these data of other programs
+    /// Read these third-party data
     ///
-    /// The foreign data; - is stdin, for text. The folder of a bag of ROS stands for its files. Several files are
-    /// recordings, each converted into a file of its own, or pieces of one, which go into one file.
+    /// - is stdin, for text. The folder of a ROS bag stands for its files. Several files are either separate
+    /// recordings, each converted into its own file, or pieces of one recording, which are joined in one file.
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
     /// Write the raw samples to this file
     ///
-    /// Where the raw samples go: .csv or .parquet; - is stdout (CSV). Of several recordings the folder; with {instance}
-    /// in the name, all IMUs of a log go to a file each.
+    /// The name ends with .csv or .parquet; - is stdout (CSV). For several recordings it is a folder. If the name
+    /// contains {instance}, each IMU of a log is written to its own file.
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
     /// Set the number of the session
     ///
-    /// Number of the session, which the samples then have in a column; of several recordings that of the first. Where
-    /// the clock of a recording starts again, the next one follows [default: none, and 1 for several recordings and
-    /// such clocks]
+    /// The samples then have a column with the number of their session. If there are several recordings, it is the
+    /// number of the first. A new session begins where the clock of a recording starts again [default: no column; 1 for
+    /// several recordings and such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
-    /// Compare the rows with this table's gravity
+    /// Compare the rows with gravity, by this table
     ///
-    /// Table of the IMU, by which the length of the specific force at rest is compared with gravity.
+    /// The magnitude of the specific force at rest is computed with this coefficient table, and compared with gravity.
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
     /// Write the nominal table of the readings
     ///
-    /// Where the nominal table of readings goes: scale factors by the resolution and the nominal interval, and nothing
-    /// else.
+    /// A nominal table has only the scale factors that follow from the resolution and the nominal interval.
     ///
-    /// With it the readings come back in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
+    /// It returns the readings in m/s2 and rad/s, before any calibration. 1 g0 is 9.80665 m/s2
     #[arg(long, value_name = "TABLE.toml")]
     nominal: Option<PathBuf>,
     /// Name the temperature's unit in that table
     ///
-    /// Unit of the temperature in that table; a label [default: degC]
+    /// The unit is a label [default: degC]
     #[arg(long, value_name = "UNIT", requires = "nominal")]
     temperature_unit: Option<String>,
     /// Name the IMU
     ///
-    /// Name of the IMU, which a Parquet file and the nominal table have.
+    /// A Parquet file and the nominal table contain the name.
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]
@@ -151,7 +150,7 @@ impl Convert {
             None => Ok(own),
         };
         let scale =
-            scale.map_err(|what| refused(&format!("{what} is not that of the files before; convert it alone")))?;
+            scale.map_err(|what| refused(&format!("{what} is not that of the files before; convert it separately")))?;
         let mut nominal = scale.nominal(&self.imu);
         if let Some(unit) = &self.temperature_unit {
             nominal.temperature_unit.clone_from(unit);
@@ -312,7 +311,7 @@ impl Convert {
                     Exit::Usage,
                     format!(
                         "{folder}: several files are converted into a folder; make it, and name it with -o: {next} \
-                         does not go on where the recording that begins with {name} ends"
+                         does not continue where the recording that begins with {name} ends"
                     ),
                 ));
             }
@@ -326,7 +325,7 @@ impl Convert {
         Ok(())
     }
 
-    /// Tells what was found in a recording, and puts its files in place, unless that is refused.
+    /// Prints what was found in a recording, and puts its files in place, unless that is refused.
     fn finish(
         &self,
         written: Vec<RowCounts>,

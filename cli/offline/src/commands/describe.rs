@@ -9,14 +9,14 @@ use isotherm_support::failure::Failure;
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Describe files and what they are good for
+/// Describe files and their possible uses
 ///
-/// Format, IMUs, rows, rate and temperature of every file that any command reads, with the command line of each job
-/// that it is good for, and the reason of each that it is not.
+/// Prints format, IMUs, rows, rate and temperature of every file that any command reads. Each job that the file can be
+/// used for is printed with its command line, and each other job with the reason.
 ///
-/// Logs of autopilots, data of other programs, recordings, tables, campaign files, mappings and parameters. Nothing has
-/// to be known of a file: where an option is missing, the message has it. The whole file is read, row by row. The exit
-/// code is that of the worst file that cannot be read.
+/// Reads logs of autopilots, third-party data, recordings, tables, campaign files, mappings and parameters. You need
+/// not know anything about a file: if an option is missing, the message names it. The whole file is read, row by row.
+/// The exit code is that of the worst file that cannot be read.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm describe flight.ulg\n  isotherm describe *.BIN imu-a.toml vehicle.params\n  isotherm describe --mapping mapping.toml run.csv --json"
@@ -27,7 +27,8 @@ pub struct Describe {
     files: Vec<PathBuf>,
     /// Print one JSON document instead of text
     ///
-    /// It has a list, files, with an entry for each file: docs/describe.md. What cannot be read is in its entry.
+    /// It contains a list, files, with an entry for each file: docs/describe.md. The entry of a file that cannot be
+    /// read has the reason.
     #[arg(long)]
     json: bool,
     #[command(flatten)]

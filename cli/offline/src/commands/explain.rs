@@ -11,7 +11,7 @@ const PAGE_WIDTH: usize = 118;
 
 /// Explain a name that the program prints
 ///
-/// Explain a finding, a flag, a metric, a field of the status, an exit code or a state of `top`.
+/// Explains a finding, a flag, a metric, a field of the status, an exit code or a state of `top`.
 ///
 /// Without a name, all names are listed.
 #[derive(Debug, Args)]
@@ -23,7 +23,7 @@ const PAGE_WIDTH: usize = 118;
 pub struct ExplainName {
     #[command(flatten)]
     names: Explain,
-    /// Print a page of the documents
+    /// Print a page of the documentation
     #[arg(long, value_name = "PAGE", conflicts_with = "name")]
     markdown: Option<Page>,
 }
@@ -51,15 +51,17 @@ fn findings_page() -> String {
     let paragraph = |text: &str| wrap(text, PAGE_WIDTH, "", "");
     let mut page = "# Findings\n\n".to_owned();
     page += &paragraph(
-        "What `calibrate` and an automatic campaign refuse, and what they, `verify`, `noise`, `compare` and `convert` warn \
-         of. `isotherm explain NAME` prints one entry; this page is printed by `isotherm explain --markdown findings`.",
+        "`calibrate` and an automatic campaign refuse data with the faults on this page. These commands, `verify`, \
+         `noise`, `compare` and `convert` also print the warnings. `isotherm explain NAME` prints one entry; \
+         `isotherm explain --markdown findings` prints this page.",
     );
     page.push('\n');
     page += &paragraph(
-        "One **fault** is enough for exit code 65 and no table: its limit is where no true data can be. What may be \
-         true is a **warning**. `--accept NAME,NAME` makes the table in spite of faults: they are then warnings, and \
-         the provenance has their names. The other commands have both options too. A fault with * leaves nothing to fit and cannot be accepted. `--strict` makes \
-         every warning a fault. At most ten lines are printed, faults before warnings; `-v` lists all.",
+        "A **fault** is a value that valid data cannot have. With one fault no table is made, and the exit code is \
+         65. Anything merely unusual is a **warning**. `--accept NAME,NAME` makes the table in spite of faults: they \
+         are then warnings, and the provenance lists their names. `--strict` makes every warning a fault. The other \
+         commands also have both options. A fault with * leaves nothing to fit and cannot be accepted. At most ten \
+         lines are printed, faults before warnings; `-v` prints all.",
     );
     for subject in SUBJECTS {
         page += &format!("\n## {}\n\n", subject.title);

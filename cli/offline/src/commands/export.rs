@@ -12,53 +12,53 @@ use tracing::info;
 
 /// Write a table as parameters of an autopilot
 ///
-/// Write the biases of a table as parameters of PX4 or ArduPilot.
+/// Writes the biases of a table as parameters of PX4 or ArduPilot.
 ///
-/// Both autopilots subtract a cubic of the temperature, and that of the table is written exactly, in float32. What the
-/// parameters cannot say is refused with its size, unless it is dropped by name. Other instances are left alone.
+/// Both autopilots subtract a cubic of the temperature. The cubic of the table is written exactly, in float32. A part
+/// of the table that parameters cannot express is refused with its size, unless --drop names it. The parameters of
+/// other instances are not written.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm export imu-a.toml --to px4 --device-id 3014666,3080202 -o imu-a.params\n  isotherm export imu-a.toml --to ardupilot --instance 2 --at 25 -o imu-a.parm\n  isotherm export imu-a.toml --to ardupilot --drop lag,alignment -o imu-a.parm"
 )]
 pub struct Export {
-    /// Coefficient table in degC
+    /// Read this coefficient table in degC
     #[arg(value_name = "TABLE")]
     table: PathBuf,
-    /// The autopilot
+    /// Choose the autopilot
     #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     to: Autopilot,
     /// Write the parameters to this file
     ///
-    /// Where the parameters go: .params of PX4, .parm of ArduPilot; - is stdout.
+    /// The name ends with .params for PX4, and with .parm for ArduPilot; - is stdout.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Set the number of the IMU there
+    /// Set the IMU's number in the autopilot
     ///
-    /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: as in the log that made the
-    /// table, or the first]
+    /// 0 to 3 for PX4, 1 to 5 for ArduPilot [default: as in the log that the table was made from, or the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
     /// Write ArduPilot's constants at this temperature [degC]
     ///
-    /// Write ArduPilot's constants too: CALTEMP, and as OFFS the biases at this temperature [degC]
+    /// Also writes CALTEMP, and as OFFS the biases at this temperature
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     at: Option<f64>,
     #[command(flatten)]
     parameters: ParameterArgs,
 }
 
-/// What the parameters of an autopilot need besides the table.
+/// What the parameters of an autopilot need in addition to the table.
 #[derive(Debug, Args)]
 pub(super) struct ParameterArgs {
     /// Set PX4's device numbers of the IMU
     ///
-    /// PX4's device number of the IMU, or those of accelerometers and gyroscopes; in logs they are device_id [default:
-    /// those of the log that made the table]
+    /// One number for the IMU, or one for accelerometers and one for gyroscopes; logs contain them as device_id
+    /// [default: those of the log that the table was made from]
     #[arg(long, value_name = "ACC[,GYR]", value_parser = devices)]
     pub device_id: Option<[u32; 2]>,
-    /// Leave this out of the parameters
+    /// Drop this part of the table
     ///
-    /// Leave this out of the parameters, if the table has it; several with commas, or repeated.
+    /// The parameters are written without it. Give several names with commas, or repeat the option.
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = one_of(Effect::NAMES))]
     pub drop: Vec<Effect>,
 }
@@ -81,7 +81,7 @@ impl Export {
 }
 
 impl ParameterArgs {
-    /// The options of an export. Instance and device numbers are those that are given, or else those of the log that
+    /// The options of an export. Instance and device numbers are those that are given, otherwise those of the log that
     /// made the table.
     pub(super) fn options(&self, to: Autopilot, instance: Option<u8>, log_imu: Option<LogImu>) -> ExportOptions {
         let of_log = |imu: LogImu| ExportOptions::of_log(to, imu.instance, imu.devices);

@@ -12,40 +12,43 @@ use std::path::PathBuf;
 use std::time::Duration;
 use tracing::info;
 
-/// Make a table of an autopilot's parameters
+/// Make a table from an autopilot's parameters
 ///
-/// Make a table of parameters of PX4 or ArduPilot, which the service then serves.
+/// Makes a table from the parameters of PX4 or ArduPilot, for the service.
 ///
-/// The table is that of readings in m/s2 and rad/s, a pulse being 1e-6 m/s2 or 1e-7 rad/s over the interval. Its biases
-/// are what the firmware subtracts. ArduPilot's are relative, 0 at 35 degC, unless the file has CALTEMP and OFFS too.
+/// The table is for readings in m/s2 and rad/s: a pulse is 1e-6 m/s2 or 1e-7 rad/s over the interval. Its biases are
+/// those that the firmware subtracts. The biases of ArduPilot are relative, 0 at 35 degC, unless the file also contains
+/// CALTEMP and OFFS.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm import vehicle.params --from px4 --imu imu-a --interval 0.0025 -o imu-a.toml\n  isotherm import vehicle.parm --from ardupilot --instance 2 --imu imu-b --interval 0.001 -o imu-b.toml"
 )]
 pub struct Import {
-    /// Read this file of parameters
+    /// Read this parameter file
     ///
-    /// File of parameters: .params or .parm; it may have all others of the vehicle.
+    /// A .params or .parm file. It can contain all parameters of the vehicle.
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// The autopilot
+    /// Choose the autopilot
     #[arg(long, value_name = "AUTOPILOT", value_parser = one_of(Autopilot::NAMES))]
     from: Autopilot,
-    /// The IMU of the table
+    /// Name the IMU of the table
     #[arg(long, value_name = "ID")]
     imu: ImuId,
-    /// Choose the number of the IMU there
+    /// Choose the IMU's number in the autopilot
     ///
-    /// Number of the IMU in the autopilot: 0 to 3 of PX4, 1 to 5 of ArduPilot [default: the first]
+    /// 0 to 3 for PX4, 1 to 5 for ArduPilot [default: the first]
     #[arg(long, value_name = "N")]
     instance: Option<u8>,
-    /// Nominal interval between two readings [s]
+    /// Set the nominal interval of the readings [s]
     #[arg(long, value_name = "S", value_parser = interval)]
     interval: Duration,
-    /// The value of 1 g0 [m/s2]
+    /// Set the value of 1 g0 [m/s2]
     #[arg(long, value_name = "G", default_value_t = STANDARD_GRAVITY, value_parser = gravity)]
     gravity: f64,
-    /// Where the table goes; - is stdout
+    /// Write the table to this file
+    ///
+    /// - is stdout
     #[arg(short, long, value_name = "TABLE")]
     output: PathBuf,
 }

@@ -23,16 +23,16 @@ use std::path::PathBuf;
 
 /// Show the noise of an IMU at rest
 ///
-/// Show the noise of an IMU at rest: Allan deviation, and quantisation, white noise, bias instability and random walk.
+/// Computes the Allan deviation, and the coefficients of quantisation, white noise, bias instability and random walk.
 ///
-/// The longest stretch of rows without a long gap, a movement or a new session is analysed; it needs 1000 rows, and
-/// hours for a random walk. Gaps of up to 16 rows are bridged; over 2 % of such rows make no file for Kalibr. With a
-/// table the outputs are compensated, in g0 and deg/h; without one they are counts a second.
-/// The model with Q, N, B and K is fitted with the exact covariance of the Allan variances. What is not significant is
-/// given as "below" a limit. If the model does not hold, there are no ranges.
+/// The longest stretch of rows without a long gap, a movement or a new session is analysed. It needs 1000 rows, and
+/// several hours for a random walk. Gaps of up to 16 rows are bridged; if they contain more than 2 % of the rows, no
+/// file for Kalibr is written. With a table the outputs are compensated, in g0 and deg/h; without one they are counts
+/// per second. The model with Q, N, B and K is fitted with the exact covariance of the Allan variances. A coefficient
+/// that is not significant is given as "below" a limit. If the model does not describe the data, no ranges are given.
 ///
-/// Where a straight line of the rate in head temperature explains a part of the curve, the sensor is contaminated by
-/// the temperature, and the curve without the line is beside.
+/// If a straight line of the rate over head temperature explains a part of the curve, temperature contaminates the
+/// noise. The curve without that line is then shown, too.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
@@ -40,26 +40,26 @@ use std::path::PathBuf;
 pub struct NoiseCommand {
     /// Read this recording of raw samples
     ///
-    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin.
+    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
-    /// Coefficient table
+    /// Read this coefficient table
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
     /// Read the samples of this IMU
     ///
-    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
+    /// For a recording of several IMUs [default: the IMU of the table]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     #[command(flatten)]
     part: PartArgs,
-    /// Where the report goes (HTML)
+    /// Write the report to this file (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     /// Write the noise as Kalibr's imu.yaml
     ///
-    /// Where the noise goes as Kalibr's imu.yaml: N and K of the worst axis of each triad, in m/s2 and rad/s.
+    /// It contains N and K of the worst axis of each triad, in m/s2 and rad/s.
     #[arg(long, value_name = "FILE.yaml", requires = "table")]
     kalibr: Option<PathBuf>,
     #[command(flatten)]

@@ -7,17 +7,18 @@ use isotherm_support::failure::{Exit, Failure};
 /// The part of each recording that is read.
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub(super) struct PartArgs {
-    /// Leave out what is before this time
+    /// Skip data before this time
     ///
-    /// Leave out what is before this time: seconds since the begin of the recording, or a time stamp.
+    /// In seconds since the beginning of the recording, or as a time stamp.
     ///
-    /// Time stamps are those of the rows, as 12500000000ns, or where the rows count from 1970 or from midnight, as
-    /// 2026-05-01T12:34:56Z or 12:34:56. Of several recordings each has a begin of its own; the pieces of one have one
+    /// A time stamp is that of a row, such as 12500000000ns. If the rows count from 1970 or from midnight, it can also
+    /// be 2026-05-01T12:34:56Z or 12:34:56. Each of several recordings has its own beginning; the pieces of one
+    /// recording share it
     #[arg(long, value_name = "S|STAMP", allow_negative_numbers = true)]
     from: Option<RecordingTime>,
-    /// Leave out what is after this time
+    /// Skip data after this time
     ///
-    /// Leave out what is after this time, as with --from; what comes later is not read.
+    /// The time is given as with --from. Later data are not read.
     #[arg(long, value_name = "S|STAMP", allow_negative_numbers = true)]
     to: Option<RecordingTime>,
 }

@@ -23,12 +23,13 @@ const NAMED: usize = 20;
 
 /// Fit polynomials of one column on another
 ///
-/// Fit polynomials of one column on another, and other columns linearly: order table, chosen order, and warnings.
+/// Fits polynomials of one column on another, and further columns linearly. Prints a table of the orders, the chosen
+/// order, and warnings.
 ///
-/// A column may be `a-b`, the difference of the columns a and b. Columns separated by commas, semicolons, tabs or
-/// spaces are detected, and decimal commas where commas do not separate the columns. Every order from 1 to the highest
-/// is fitted, in double-double arithmetic on the decimals as they are written. The chosen order is the highest whose
-/// last term is both significant and moves the curve by more than a threshold.
+/// A column can be `a-b`, the difference of the columns a and b. The separator of the columns is detected: commas,
+/// semicolons, tabs or spaces. Decimal commas are detected where commas do not separate the columns. Every order from 1
+/// to the highest is fitted in double-double arithmetic, on the decimals as they are written. The chosen order is the
+/// highest whose last term is significant and also changes the curve by more than a threshold.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm regress dwells.csv --x a1_head --y a1_bias\n  isotherm regress dwells.csv --x u --y k --weights w --max-order 10 --json\n  isotherm regress ramp.csv --x a1_head --x a1_head_lagged-a1_head --y a1_positive-a1_negative"
@@ -36,42 +37,41 @@ const NAMED: usize = 20;
 pub struct Regress {
     /// Read these data with named columns
     ///
-    /// Data with named columns (CSV with a header row, Parquet, MCAP), or the pieces of one recording in any order; -
-    /// is stdin.
+    /// CSV with a header row, Parquet or MCAP, or the pieces of one recording in any order; - is stdin.
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
     /// Read the columns of this IMU
     ///
-    /// The IMU whose columns are read, in a recording of several IMUs.
+    /// For a recording of several IMUs.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
-    /// Take this column as the variable
+    /// Use this column as the variable
     ///
-    /// Column of the variable, for example the temperature. Each further --x enters linearly.
+    /// For example, the temperature. Each further --x enters linearly.
     #[arg(long, value_name = "COLUMN", required = true)]
     x: Vec<String>,
-    /// Column of the quantity
+    /// Fit this column
     #[arg(long, value_name = "COLUMN")]
     y: String,
     /// Set the highest order, up to 15
     ///
-    /// Highest order, up to 15 [default: 6, or what the number of different x allows]
+    /// Default: 6, or fewer if there are too few different x
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..=MAX_ORDER as i64))]
     max_order: Option<u8>,
     /// Weight the rows by this column
     ///
-    /// Column of the weights, inverse variances up to a factor, over 0.
+    /// The weights are positive: inverse variances up to a common factor.
     #[arg(long, value_name = "COLUMN")]
     weights: Option<String>,
     /// Set the smallest change that matters
     ///
-    /// Smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard
+    /// The smallest change of the curve that matters, in the unit of y [default: a quarter of the residual standard
     /// deviation]
     #[arg(long, value_name = "Y", allow_negative_numbers = true, value_parser = size)]
     min_effect: Option<f64>,
     #[command(flatten)]
     part: PartArgs,
-    /// One JSON document
+    /// Print one JSON document
     #[arg(long)]
     json: bool,
 }

@@ -7,29 +7,29 @@ use isotherm_support::failure::{Failure, shown};
 use std::path::PathBuf;
 use tracing::info;
 
-/// Take what is whole of a damaged recording
+/// Recover the intact rows of a damaged recording
 ///
-/// Take the rows before and behind damaged places of a recording into a new file.
+/// Copies the rows before and after the damaged places of a recording into a new file.
 ///
-/// CSV, Parquet and MCAP; the new file has the same format. What was recorded with checks is taken where it matches
-/// them: rows of CSV, row groups of Parquet, chunks of MCAP. Without checks it is taken where it can be read. Each
-/// damaged place is printed with the rows and times that are lost. Rows keep session and sequence, so a hole within a
-/// session is a gap of known length; behind one of unknown length a new session begins. The recording itself is not
-/// changed.
+/// Reads CSV, Parquet and MCAP; the new file has the same format. Data that were recorded with checksums are copied
+/// where they match: rows of CSV, row groups of Parquet, chunks of MCAP. Data without checksums are copied where they
+/// can be read. Each damaged place is printed with the rows and times that are lost. Rows keep session and sequence, so
+/// a hole within a session is a gap of known length. After a hole of unknown length a new session begins. The recording
+/// itself is not changed.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm check flight.parquet\n  isotherm repair flight.parquet -o flight-repaired.parquet\n  isotherm repair flight.increments.csv -o whole.increments.csv"
 )]
 pub struct Repair {
-    /// The damaged recording
+    /// Read this damaged recording
     #[arg(value_name = "RECORDING")]
     recording: PathBuf,
     /// Write the rows to this new file
     ///
-    /// Where the rows go; a file that exists is never replaced.
+    /// An existing file is never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Print what was taken and lost as JSON
+    /// Print recovered and lost rows as JSON
     #[arg(long)]
     json: bool,
 }

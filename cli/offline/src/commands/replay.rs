@@ -22,42 +22,42 @@ use tracing::info;
 
 /// Compensate a recording offline
 ///
-/// Compensate a recording offline, with the very arithmetic of the service.
+/// Compensates a recording with exactly the arithmetic of the service.
 ///
-/// The output equals that of `feed`, byte for byte. A file named .mcap gets ROS messages instead, sensor_msgs/msg/Imu.
-/// The last line on stderr counts the flags, and where rows are missing, time steps or another session follows, those
-/// too. The flags are those of the service without delivery.
+/// The output equals that of `feed` byte for byte. If the name of the output ends with .mcap, it contains ROS messages
+/// instead, sensor_msgs/msg/Imu. The last line on stderr counts the flags, and also missing rows, time steps and
+/// changes of the session. The flags are those of the service, without the delivery flags.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
 )]
 pub struct Replay {
-    /// Coefficient table
+    /// Read this coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
     /// Read the samples of this IMU
     ///
-    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
+    /// For a recording of several IMUs [default: the IMU of the table]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// Read this recording of raw samples
     ///
-    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin.
+    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
     lag: LagArgs,
-    /// Take a recording of another IMU, too
+    /// Accept a recording of another IMU
     ///
-    /// Take a recording that names another IMU than the table's (Parquet, MCAP); it is refused otherwise.
+    /// A recording that names an IMU other than that of the table (Parquet, MCAP) is refused otherwise.
     #[arg(long)]
     other_imu: bool,
     /// Write the increments to this file
     ///
-    /// Where the increments go: CSV, or .mcap with sensor_msgs/msg/Imu; - is stdout.
+    /// CSV, or .mcap with sensor_msgs/msg/Imu. - is stdout.
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
     #[command(flatten)]

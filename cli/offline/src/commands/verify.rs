@@ -35,107 +35,105 @@ const MOST_ROWS: usize = 4_000_000;
 
 /// Verify a table with a recording at rest
 ///
-/// Show how stable the output of a recording is, before and after compensation, and how large its errors are.
+/// Shows how stable the output of a recording is, before and after compensation, and how large its errors are.
 ///
-/// The IMU must be held still while its temperature runs. Before: the table's coefficients frozen at the run's mid
-/// temperature. After: the full model. Constant error, variation and noise of every axis have 95 % intervals. Where the
-/// IMU was still, the length of the output is compared with local gravity. If it is off by more than any place on Earth
-/// allows, or if over 1 % of the windows are not at the attitude, nothing is claimed, and no requirement is met. The
-/// first line says how many windows are left out, and why: those in which the output shows that the IMU moved. A drift
-/// of a bias leaves none out.
+/// The IMU must be held still while its temperature changes. "Before" has the coefficients of the table frozen at the
+/// mid temperature of the run; "after" is the full model. Constant error, variation and noise of every axis have 95 %
+/// intervals. Where the IMU was still, the magnitude of the output is compared with local gravity. If it differs by
+/// more than is possible anywhere on Earth, or if more than 1 % of the windows are not at the attitude, nothing is
+/// claimed, and no requirement is met. The first line reports how many windows are left out, and why. A window is left
+/// out if the output shows that the IMU moved; the drift of a bias does not count as motion.
 ///
-/// In a run that heats and cools, the hysteresis band shows how far the errors in both directions are apart, with the
-/// table's transients and without.
+/// In a run that heats and cools, the hysteresis band shows the distance between the errors in both directions, with
+/// and without the transients of the table.
 ///
-/// Of a tumble, with a table of calibrate tumble, or with --static-poses: the static poses are found, and the length of
-/// the output over each is compared with local gravity. Of the bounds only scale is judged then.
+/// In a tumble, with a table of calibrate tumble or with --static-poses, the static poses are found, and the magnitude
+/// of the output in each is compared with local gravity. Only the bound of scale is judged then.
 ///
-/// Gyroscopes are judged where table and recording have them. At rest they feel Earth's rate: with --angles and a table
-/// whose provenance has it, it is taken off; otherwise only their variation is judged.
+/// Gyroscopes are judged if table and recording have them. At rest they measure Earth's rate, which is subtracted with
+/// --angles and a table whose provenance contains it. Otherwise, only their variation is judged.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --report verify.html\n  isotherm verify --table imu-a.toml run.csv --attitude 0.6,-0.48,0.64 --require bias=20ug0,scale=50ppm,level=5arcsec\n  isotherm verify --table imu-g.toml run.csv --angles 50,130 --require bias=20ug0,rate=0.1deg/h"
 )]
 pub struct Verify {
-    /// Coefficient table
+    /// Read this coefficient table
     #[arg(long, value_name = "TABLE")]
     table: PathBuf,
     /// Read the samples of this IMU
     ///
-    /// The IMU whose samples are read, in a recording of several IMUs [default: the table's IMU]
+    /// For a recording of several IMUs [default: the IMU of the table]
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     /// Read this recording of raw samples
     ///
-    /// Recording of raw samples (CSV, Parquet, MCAP) or data of another program, or the pieces of one in any order; -
-    /// is stdin.
+    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
-    /// Take means over windows this long [s]
+    /// Set the length of the windows [s]
     ///
-    /// Length of the windows that means are taken over [s]; of static poses, that of the windows they are searched with
-    /// [default: 10, and 0.5 for static poses]
+    /// Means are taken over windows of this length; static poses are searched with it [default: 10, and 0.5 for static
+    /// poses]
     #[arg(long, value_name = "S", allow_negative_numbers = true, value_parser = seconds)]
     window: Option<Duration>,
     /// Compare static poses with gravity
     ///
-    /// Compare the lengths over the static poses of a tumble, also with a
-    /// table of a turntable.
+    /// Compares the magnitudes in the static poses of a tumble, also for a table that was made on a turntable.
     #[arg(long, conflicts_with_all = ["attitude", "angles"])]
     static_poses: bool,
     /// Fail unless every bound is shown met
     ///
-    /// Fail unless the run shows that every bound is met: bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare
-    /// factor of stability.
+    /// Give bounds such as bias=20ug0,scale=50ppm,level=5arcsec,rate=0.1deg/h, or a bare factor of stability.
     ///
-    /// bias: the whole error of every axis (ug0, mg0); scale: of the length against gravity (ppm); level: across the
-    /// specific force (arcsec, urad); rate: the whole error of every gyroscope (deg/h); factor: the standard deviation
-    /// of every accelerometer, before over after. The upper end of the 95 % interval counts. bias and level
-    /// need --attitude or --angles, bias and scale need local gravity, rate needs --angles and a table with Earth's
-    /// rate. The run must have 12 windows at least, and leave no more than a tenth of the table's range out at one
-    /// place, unless --accept not-covered
+    /// bias: the total error of every axis (ug0, mg0). scale: the error of the magnitude against gravity (ppm). level:
+    /// the error across the specific force (arcsec, urad). rate: the total error of every gyroscope (deg/h). factor:
+    /// the standard deviation of every accelerometer before compensation, divided by that after it. The upper end of
+    /// the 95 % interval counts. bias and level need --attitude or --angles, bias and scale need local gravity, and
+    /// rate needs --angles and a table with Earth's rate. The run must have at least 12 windows. It must not leave out
+    /// more than a tenth of the table's range at one place, unless --accept not-covered is given
     #[arg(long, value_name = "BOUNDS", allow_negative_numbers = true)]
     require: Vec<Requirement>,
     /// Set the attitude of the IMU
     ///
-    /// Attitude of the IMU: the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or
-    /// the number or name of a position of --campaign [default: the median of the compensated output]
+    /// Give the direction of the specific force along A1, A2, A3; the angles of the turntable [deg]; or the number
+    /// or name of a position of --campaign [default: the median of the compensated output]
     ///
-    /// A typed direction is as good as its digits: 5 decimals leave up to 9e-6 g0. Angles and positions are exact, and
-    /// have the tilt of the base that the provenance of the table states
+    /// A direction is limited by its digits: with 5 decimals its error is up to 9e-6 g0. Angles and positions are
+    /// exact, and include the tilt of the base that the provenance of the table states
     #[arg(long, value_name = "F1,F2,F3|OUTER,INNER|POSITION", allow_hyphen_values = true)]
     attitude: Option<Attitude>,
     /// Read the positions of this campaign file
     ///
-    /// Campaign file whose positions --attitude names; it says how the IMU sat on the turntable.
+    /// --attitude can name its positions. The file describes the mounting of the IMU on the turntable.
     #[arg(long, value_name = "CAMPAIGN.toml", requires = "attitude")]
     campaign: Option<PathBuf>,
     /// Set the turntable's angles in the run [deg]
     ///
-    /// Angles of the turntable that the table's campaign was measured on, in the run [deg]: with the provenance of the
-    /// table they give Earth's rate along the gyroscopes, and the attitude.
+    /// The turntable is the one of the table's campaign. With the provenance of the table, its angles give the attitude
+    /// and Earth's rate along the gyroscopes.
     #[arg(long, value_name = "OUTER,INNER", allow_hyphen_values = true, value_parser = crate::parse::numbers::<2>)]
     angles: Option<[f64; 2]>,
     /// Set local gravity [m/s2]
     ///
-    /// Local gravity in m/s2 [default: gravity_local of the table's provenance]
+    /// Default: gravity_local of the table's provenance
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
     lag: LagArgs,
-    /// Judge samples of another device, too
+    /// Accept samples of another device
     ///
-    /// Judge samples of another device than the table's too; they are refused otherwise.
+    /// Samples of a device other than that of the table are refused otherwise.
     #[arg(long)]
     other_device: bool,
-    /// Judge a recording of another IMU, too
+    /// Accept a recording of another IMU
     ///
-    /// Judge a recording that names another IMU than the table's too (Parquet, MCAP); it is refused otherwise.
+    /// A recording that names an IMU other than that of the table (Parquet, MCAP) is refused otherwise.
     #[arg(long)]
     other_imu: bool,
-    /// Where the report goes (HTML)
+    /// Write the report to this file (HTML)
     #[arg(long, value_name = "R.html")]
     report: Option<PathBuf>,
     #[command(flatten)]

@@ -15,35 +15,34 @@ const ONLY_GYROSCOPES: &str = "the IMU has no gyroscopes; give --gyroscopes too"
 pub(super) struct MemoryOptions {
     /// Set the lag behind the head temperature [s]
     ///
-    /// Time constant of the sensing elements behind the head temperature [s]; as in TABLE, or no lag, unless given.
+    /// The time constant with which the sensing elements follow the head temperature. Default: as in TABLE, or no lag.
     #[arg(long, value_name = "S", value_parser = time_constant)]
     lag: Option<f64>,
     /// Set the transients of the accelerometers' biases
     ///
-    /// Transients of the biases of A1, A2, A3: for each unit of temperature by which the element is ahead of its head
-    /// [1e-6 g0 per V or degC]
+    /// For A1, A2, A3, per unit of temperature by which the element leads its head [1e-6 g0 per V or degC]
     #[arg(long, value_name = "T1,T2,T3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     transient: Option<[f64; AXES]>,
     /// Set the transients of the gyroscopes' biases
     ///
-    /// Transients of the biases of G1, G2, G3 [deg/h per V or degC]
+    /// For G1, G2, G3 [deg/h per V or degC]
     #[arg(long, value_name = "T1,T2,T3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     gyroscope_transient: Option<[f64; AXES]>,
-    /// Add a play, which makes hysteresis
+    /// Add a play that causes hysteresis
     ///
-    /// Half-width of a play, which makes hysteresis: its position follows the head temperature, and stands within W [V
-    /// or degC]; may be repeated.
+    /// W is the half-width of the play [V or degC]: its position follows the head temperature within W. Can be
+    /// repeated.
     #[arg(long, value_name = "W", value_parser = positive)]
     play: Vec<f64>,
     /// Set the play's effect on accelerometers
     ///
-    /// What the play before adds to the biases of A1, A2, A3: for each unit of temperature by which it is ahead of its
-    /// head [1e-6 g0 per V or degC]
+    /// The preceding --play adds this to the biases of A1, A2, A3, per unit of temperature by which it leads its head
+    /// [1e-6 g0 per V or degC]
     #[arg(long, value_name = "H1,H2,H3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     hysteresis: Vec<[f64; AXES]>,
     /// Set the play's effect on gyroscopes
     ///
-    /// What the play before adds to the biases of G1, G2, G3 [deg/h per V or degC]
+    /// The preceding --play adds this to the biases of G1, G2, G3 [deg/h per V or degC]
     #[arg(long, value_name = "H1,H2,H3", allow_hyphen_values = true, value_parser = numbers::<AXES>)]
     gyroscope_hysteresis: Vec<[f64; AXES]>,
 }

@@ -18,66 +18,66 @@ use std::path::PathBuf;
 pub(super) struct SimulatedImuOptions {
     /// Write the files into this folder
     ///
-    /// Folder for the files; made if it is not there.
+    /// The folder is created if it does not exist.
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
-    /// The same seed gives the same files
+    /// Set the seed; equal seeds give equal files
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: u64,
-    /// Take the coefficients of this table
+    /// Use the coefficients of this table
     ///
-    /// Coefficients of the IMU, with its alignment; those of the source paper unless given.
+    /// They include the alignment. Default: the coefficients of the source paper.
     #[arg(long, value_name = "TABLE")]
     truth: Option<PathBuf>,
-    /// Simulate gyroscopes, too
+    /// Also simulate gyroscopes
     ///
-    /// Simulate gyroscopes too; a TABLE that has some implies this, to one that has none typical ones are added.
+    /// Implied by a TABLE with gyroscopes. Otherwise, typical gyroscopes are added.
     #[arg(long)]
     gyroscopes: bool,
     /// Set the latitude of the laboratory [deg]
     ///
-    /// Latitude of the laboratory, north positive [deg]; 39.9 unless given or drawn; only with gyroscopes.
+    /// North is positive. Default: 39.9, unless --vary draws it. Only with gyroscopes.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = latitude)]
     latitude: Option<f64>,
     /// Draw another IMU from the seed
     ///
-    /// Draw another IMU of this kind, and another laboratory, from the seed.
+    /// The IMU is of the same kind; the laboratory is drawn, too.
     #[arg(long)]
     vary: bool,
     /// Name the IMU
     ///
-    /// Name of the IMU; as in the table unless given.
+    /// Default: the name in the table.
     #[arg(long, value_name = "ID")]
     imu: Vec<ImuId>,
     /// Set local gravity [m/s2]
     ///
-    /// Local gravity [m/s2]; as the table's 1 g0 unless given or drawn.
+    /// Default: the 1 g0 of the table, unless --vary draws it.
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
     /// Set the accelerometers' white noise [1e-6 g0]
     ///
-    /// White noise of an accelerometer in a mean over 1 s, one sigma [1e-6 g0]
+    /// One sigma of a mean over 1 s
     #[arg(long, value_name = "UG0", default_value_t = 5.0, value_parser = size)]
     sensor_noise: f64,
     /// Set the repeatability at set points
     ///
-    /// Random deviation of the accelerometers' bias and scale factors at each visit of a set point, one sigma [1e-6 g0,
-    /// 1e-6]
+    /// One sigma of the random deviation of the accelerometers' biases and scale factors at each visit of a set point
+    /// [1e-6 g0, 1e-6]
     #[arg(long, value_name = "UG0,PPM", default_value = "0.2,0.3", value_parser = sizes)]
     repeatability: [f64; 2],
     /// Set the noise of a temperature reading
     ///
-    /// Noise of a temperature reading, one sigma [V or degC]; 0.1 mV unless given.
+    /// One sigma [V or degC]. Default: 0.1 mV.
     #[arg(long, value_name = "U", value_parser = size)]
     temperature_noise: Option<f64>,
     /// Set the resolution of the temperature
     ///
-    /// Resolution of the temperature [1e-6 V or degC]; 76, 16 bits over 5 V, unless given; 0 for none.
+    /// In 1e-6 V or degC; 0 switches it off. Default: 76, which is 16 bits over 5 V.
     #[arg(long, value_name = "U")]
     temperature_lsb: Option<u32>,
     /// Vibrate at this amplitude and frequency [g0, Hz]
     ///
-    /// Vibration along all input axes: amplitude [g0] and frequency [Hz]
+    /// Along all input axes
     #[arg(long, value_name = "G0,HZ", default_value = "0,0", value_parser = vibration)]
     vibration: [f64; 2],
     #[command(flatten)]
@@ -93,8 +93,8 @@ impl SimulatedImuOptions {
         }
     }
 
-    /// The truth of each IMU. The first one is that of an IMU that is alone; the others are drawn from it and from the
-    /// seeds that follow, and are in the same laboratory.
+    /// The truth of each IMU. The first one is that of a single IMU; the others are drawn from it and from the seeds
+    /// that follow, and are in the same laboratory.
     pub(super) fn truths(&self) -> Result<Vec<Truth>, Failure> {
         if let Some((_, imu)) = self.imu.iter().enumerate().find(|(index, imu)| self.imu[..*index].contains(imu)) {
             return Err(usage(format!("--imu: {imu} is there twice")));

@@ -1,4 +1,4 @@
-//! `simulate ramp`: recordings of a stay each that warms and cools; `simulate campaign --ramps` makes them beside its
+//! `simulate ramp`: recordings of a stay each that warms and cools; `simulate campaign --ramps` makes them next to its
 //! positions.
 
 use super::options::{SimulatedFiles, SimulatedImuOptions, truth_toml, usage};
@@ -19,11 +19,11 @@ pub(super) const RATES: &str = "20,70";
 
 /// Simulate ramps at rest, which show transients
 ///
-/// Ramps up and down at rest, which show transients: campaign.toml, ramp-1.csv and one more for each rate, table.toml,
-/// truth.toml.
+/// The chamber ramps up and down. Writes campaign.toml, a recording for each rate (ramp-1.csv and so on), table.toml
+/// and truth.toml.
 ///
-/// Each recording is a stay of its own: hold, up, hold, down, hold. The campaign file has the ramps alone; table.toml
-/// is the static part of the truth, and gives it what ramps do not show.
+/// Each recording is complete: hold, up, hold, down, hold. The campaign file has only the ramps. table.toml is the
+/// static part of the truth, and provides what ramps do not show.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate ramp -o ramps --lag 240 --transient 35,-20,12\n  isotherm simulate ramp -o slow --lag 600 --transient 35,0,12 --rate 10,20,40 --hold 3600 --attitude 0.36,-0.48,0.8\n  isotherm simulate ramp -o play --play 0.2 --hysteresis -60,40,20\n  isotherm simulate ramp -o whole --gyroscopes --lag 240 --transient 35,-20,12 --gyroscope-transient 0.5,-0.3,0"
@@ -33,30 +33,30 @@ pub(super) struct SimulateRamp {
     imu: SimulatedImuOptions,
     /// Ramp the chamber at these rates [degC/h]
     ///
-    /// Ramp of the chamber up and down, one for each recording [degC/h]
+    /// Each rate makes a recording with a ramp up and a ramp down
     #[arg(long, value_name = "R1,R2", default_value = RATES, value_parser = rates)]
     rate: Rates,
-    /// Hold so long before and after ramps [s]
+    /// Set the hold before and after ramps [s]
     ///
-    /// Hold before the first ramp, and after each [s]
+    /// The chamber holds before the first ramp, and after each ramp
     #[arg(long, value_name = "S", default_value = "1800", value_parser = seconds)]
     hold: Duration,
-    /// Period of a row [s]
+    /// Set the interval of the rows [s]
     #[arg(long, value_name = "S", default_value = "10", value_parser = interval)]
     interval: Duration,
     /// Set the direction of the specific force
     ///
-    /// Direction of the specific force along A1, A2, A3; any length.
+    /// Along A1, A2, A3. The magnitude of the vector does not matter.
     #[arg(long, value_name = "A1,A2,A3", default_value = "0,0,1", allow_hyphen_values = true, value_parser = direction)]
     attitude: [f64; AXES],
     /// Ramp between these temperatures [degC]
     ///
-    /// Temperatures of the chamber at the beginning and the end, and between the ramps [degC]
+    /// The chamber begins and ends at the first temperature
     #[arg(long, value_name = "FROM,TO", default_value = "-25,45", allow_hyphen_values = true, value_parser = numbers::<2>)]
     temperatures: [f64; 2],
-    /// Read the temperature so often [s]
+    /// Set the interval of temperature readings [s]
     ///
-    /// Time between two temperature readings [s]; 0 for a reading in every row.
+    /// 0 gives a reading in every row.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = size)]
     temperature_every: f64,
 }

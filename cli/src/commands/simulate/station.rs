@@ -25,12 +25,12 @@ use strum::VariantNames;
 
 /// Run a simulated laboratory until SIGTERM or SIGINT
 ///
-/// A laboratory: chamber, turntable and IMU as processes of their own, until SIGTERM or SIGINT.
+/// Chamber, turntable and IMU are processes of their own.
 ///
-/// Chamber and turntable speak their protocols on pseudo-terminals DIR/chamber and DIR/table, or over TCP; the IMU
-/// publishes to the running service. DIR/plan.toml is a campaign plan for it, DIR/truth.toml the IMU's coefficients.
-/// With several --imu they share the turntable, each with another mounting, and their coefficients are
-/// DIR/truth-ID.toml. Write faults into DIR/faults to inject them.
+/// Chamber and turntable speak their protocols on the pseudo-terminals DIR/chamber and DIR/table, or over TCP. The IMU
+/// publishes to the running service. DIR/plan.toml is a campaign plan for this laboratory, and DIR/truth.toml has the
+/// coefficients of the IMU. Several IMUs share the turntable, each with another mounting, and their coefficients are in
+/// DIR/truth-ID.toml. To inject faults, write them into DIR/faults.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm simulate station -o station --imu imu-a --speed 100\n  isotherm simulate station -o station --imu imu-a --chamber watlow-f4t --table aerosmith --tcp\n  isotherm simulate station -o station --imu imu-a --fault late:table@3-5 --fault never-there@7200s-9000s\n  echo port-loss:chamber > station/faults"
@@ -38,49 +38,49 @@ use strum::VariantNames;
 pub(super) struct SimulateStation {
     #[command(flatten)]
     imu: SimulatedImuOptions,
-    /// What the chamber speaks
+    /// Choose the protocol of the chamber
     #[arg(long, value_name = "DRIVER", default_value = ChamberProtocol::VARIANTS[0], value_parser = named::<ChamberProtocol>())]
     chamber: ChamberProtocol,
-    /// What the turntable speaks
+    /// Choose the protocol of the turntable
     #[arg(long, value_name = "DRIVER", default_value = TurntableProtocol::VARIANTS[0], value_parser = named::<TurntableProtocol>())]
     table: TurntableProtocol,
     /// Simulate a turntable without end stops
     ///
-    /// A turntable without end stops: it takes angles modulo 360 degrees and goes the shorter way.
+    /// The turntable takes angles modulo 360 degrees and moves the shorter way.
     #[arg(long)]
     wrap: bool,
-    /// Ports on 127.0.0.1 instead of pseudo-terminals
+    /// Use ports on 127.0.0.1 instead of pseudo-terminals
     #[arg(long)]
     tcp: bool,
-    /// Simulated seconds in a second
+    /// Set the number of simulated seconds per second
     #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = speed)]
     speed: f64,
-    /// Control period of the IMU, simulated [s]
+    /// Set the control period in simulated time [s]
     #[arg(long, value_name = "S", default_value = "1", value_parser = interval)]
     interval: Duration,
-    /// Read the temperature so often [s]
+    /// Set the interval of temperature readings [s]
     ///
-    /// Simulated time between two temperature readings [s]; 0 for a reading in every sample.
+    /// In simulated seconds. 0 gives a reading in every sample.
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = size)]
     temperature_every: f64,
     /// Set the error of the angles [arcsec]
     ///
-    /// Error of the turntable's angles after each move, one sigma [arcsec]
+    /// One sigma, drawn after each move
     #[arg(long, value_name = "ARCSEC", default_value_t = 1.0, value_parser = size)]
     positioning: f64,
     /// Set the temperature of the laboratory [degC]
     ///
-    /// Temperature of the laboratory, and of everything at the beginning [degC]
+    /// Everything has this temperature at the beginning
     #[arg(long, value_name = "DEGC", default_value_t = 20.0, allow_hyphen_values = true)]
     ambient: f64,
-    /// The chamber's fastest ramp [degC/min]
+    /// Set the chamber's fastest ramp [degC/min]
     #[arg(long, value_name = "DEGC/MIN", default_value_t = 3.0, value_parser = ramp)]
     chamber_ramp: f64,
-    /// A fault, WHAT[:chamber|:table|:IMU][@WHEN]
+    /// Inject a fault, WHAT[:chamber|:table|:IMU][@WHEN]
     ///
     /// WHAT is garbled, late, missing, duplicated, na, alarm, port-loss, babble, dead, no-settle, overshoot or
-    /// never-there, or silent for an IMU; WHEN is 3 for the third request, 3-5 for the third to the fifth, 100s-200s
-    /// for simulated seconds, always unless given
+    /// never-there, or silent for an IMU. WHEN is 3 for the third request, 3-5 for the third to the fifth, or 100s-200s
+    /// for simulated seconds. Without WHEN the fault is permanent
     #[arg(long, value_name = "WHAT@WHEN", value_parser = fault)]
     fault: Vec<String>,
 }

@@ -48,8 +48,8 @@ fn main() -> Result<ExitCode, Box<dyn Error>> {
         fs::write(header, generated)?;
     } else if fs::read_to_string(header)? != generated {
         eprintln!(
-            "client/include/isotherm.h is not what the code says; make it anew: \
-             cargo run --manifest-path client/c/header/Cargo.toml"
+            "client/include/isotherm.h is not what the code says; generate it again: cargo run --manifest-path \
+             client/c/header/Cargo.toml"
         );
         return Ok(ExitCode::FAILURE);
     }

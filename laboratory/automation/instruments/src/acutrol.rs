@@ -109,8 +109,8 @@ impl Acutrol {
         result
     }
 
-    /// A number, and the value of its last digit. A reply that no line feed ends is told from the begin of one by its
-    /// decimals: it has as many as the one before, at least one.
+    /// A number, and the value of its last digit. A reply that no line feed ends is distinguished from the beginning of
+    /// one by its decimals: it has as many as the one before, at least one.
     fn value(&mut self, request: &str, quantity: AxisQuantity) -> Result<f64, InstrumentFault> {
         if !self.ends_lines
             && self.last_digits[quantity as usize].is_infinite()

@@ -138,7 +138,7 @@ impl Ascii2 {
         let celsius = celsius.unwrap_or(before.nominal);
         let running = running.unwrap_or(before.running);
         let request = self.settings.write_request(celsius, running, &before.bits);
-        // No later order may start a chamber that was told to stop, even if it is not read in between.
+        // No later order may start a chamber that was ordered to stop, even if it is not read in between.
         if let Some(last) = &mut self.last {
             last.running &= running;
         }

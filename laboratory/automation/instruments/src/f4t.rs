@@ -113,8 +113,8 @@ pub struct F4t {
     fahrenheit: Option<bool>,
 }
 
-/// Length of the reply to `request`: five bytes for an exception, else as the function defines it. `None` while it is
-/// incomplete.
+/// Length of the reply to `request`: five bytes for an exception, otherwise as the function defines it. `None` while it
+/// is incomplete.
 fn reply_length(request: &[u8], reply: &[u8]) -> Option<usize> {
     let function = *reply.get(1)?;
     let length = match function {
@@ -272,7 +272,7 @@ impl Instrument for F4t {
 
 impl ChamberInstrument for F4t {
     fn read(&mut self) -> Result<ChamberReading, InstrumentFault> {
-        // A late reply shows in the number of registers: two of a temperature, one of all else.
+        // A late reply shows in the number of registers: two of a temperature, one of everything else.
         whole_reading(self, |chamber| {
             let [air_c, set_point_c] = [chamber.temperature(PROCESS_VALUE)?, chamber.temperature(SET_POINT)?];
             let state = chamber.state()?;

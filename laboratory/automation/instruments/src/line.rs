@@ -98,7 +98,7 @@ impl Line {
     }
 
     /// From now on requests obey the line's rules again. Returns whether the line was still, so that the replies to the
-    /// orders can be told from others.
+    /// orders can be distinguished from others.
     pub const fn end_orders(&mut self) -> bool {
         self.orders_until = None;
         !self.stale

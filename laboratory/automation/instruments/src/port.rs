@@ -2,7 +2,8 @@
 //!
 //! A port never blocks beyond a deadline: even a device that takes no bytes (flow control, a full window, an adapter
 //! that hangs) stops nobody for longer. Opening may: names are looked up and connections are made, which has no end
-//! that the caller could bring about. So a port is opened beside the caller, who looks whether it is open.
+//! that the caller could bring about. So a port is opened by another thread than the caller, who looks whether it is
+//! open.
 
 use super::line_config::LineConfig;
 use super::time::{Moment, RealTime, Time as _};

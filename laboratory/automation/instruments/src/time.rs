@@ -56,7 +56,7 @@ pub trait Time: Send + Sync {
     fn sleep_until(&self, moment: Moment);
 
     /// Does both at the same time, the first in a thread of its own, and returns when both have ended. A panic of the
-    /// first ends it alone.
+    /// first ends only that one.
     fn both(&self, beside: &mut (dyn FnMut() + Send), here: &mut dyn FnMut());
 }
 

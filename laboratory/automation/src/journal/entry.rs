@@ -14,7 +14,7 @@ pub struct JournalLine {
     /// When it was written.
     #[serde(flatten)]
     pub at: Stamp,
-    /// The IMU of a batch that it is about; `None` if it is about all of them, or if the IMU is alone.
+    /// The IMU of a batch that it is about; `None` if it is about all of them, or if there is only one IMU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub imu: Option<String>,
     /// The event.

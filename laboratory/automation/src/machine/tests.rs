@@ -310,7 +310,7 @@ fn a_chamber_that_somebody_else_commands_ends_the_campaign() {
         laboratory.until(&mut machine, |action| matches!(action, Action::Collect(_)));
         change(&mut laboratory.chamber);
         let halt = laboratory.step(&mut machine).unwrap_err();
-        assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not do what it was told")), "{halt:?}");
+        assert!(matches!(&halt, Halt::GivenUp(why) if why.contains("does not follow its orders")), "{halt:?}");
     }
 }
 
@@ -323,7 +323,7 @@ fn a_chamber_that_has_stopped_while_it_was_away_is_led_there_again() {
     laboratory.collecting = None;
     let reached = machine.reached();
     machine.resume(laboratory.now, 10.0, reached, &laboratory.chamber).unwrap();
-    assert_eq!(machine.reached(), None, "the soak begins anew");
+    assert_eq!(machine.reached(), None, "the soak begins again");
     assert_eq!(laboratory.run(&mut machine, 60.0), Ok(true));
     assert_eq!(laboratory.kept(), all(&plan));
 }
@@ -617,7 +617,7 @@ fn imus_that_spoil_a_dwell_in_turn_are_dropped_and_the_last_one_ends_the_campaig
             dropped.push((number, failed.imu, failed.reason));
         }
         if bench.streams.spoiled().is_some() {
-            laboratory.spoiled = Some("the acquisition was started anew");
+            laboratory.spoiled = Some("the acquisition was restarted");
             halt = laboratory.step(&mut machine).err();
             laboratory.spoiled = None;
             bench.streams.discard();
@@ -627,10 +627,10 @@ fn imus_that_spoil_a_dwell_in_turn_are_dropped_and_the_last_one_ends_the_campaig
             break;
         }
     }
-    let reason = |attempts| format!("the acquisition was started anew; attempts spoiled: {attempts}");
+    let reason = |attempts| format!("the acquisition was restarted; attempts spoiled: {attempts}");
     assert_eq!(dropped, [(4, 0, reason(3)), (7, 1, reason(5))]);
     assert_eq!(attempts, spoilers.len() - 2, "who is dropped costs the others no attempt");
-    assert_eq!(halt, Some(Halt::GivenUp("the acquisition was started anew; 5 attempts".to_owned())));
+    assert_eq!(halt, Some(Halt::GivenUp("the acquisition was restarted; 5 attempts".to_owned())));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::model::Plan;
 use isotherm_files::{Trust, read_text, replace};
 use isotherm_support::failure::{Failure, shown};
 
-/// The file of the dwells' samples of an IMU that is alone.
+/// The file of the dwells' samples of a single IMU.
 pub const SAMPLES: &str = "campaign.csv";
 /// Begin of the names of the verification runs' files; the number of the run follows, from 1.
 pub const RUN_FILE: &str = "verify-";
@@ -13,7 +13,7 @@ pub const RAMP_FILE: &str = "ramp-";
 /// Begin of the names of the files with the read-backs.
 pub const READBACKS: &str = "readbacks";
 
-/// The file of the dwells' samples. `imu` is the name of an IMU of a batch, `None` for one that is alone.
+/// The file of the dwells' samples. `imu` is the name of an IMU of a batch, `None` for a single one.
 pub(super) fn samples_file(imu: Option<&str>) -> String {
     imu.map_or_else(|| SAMPLES.to_owned(), |imu| format!("{imu}.csv"))
 }
@@ -33,12 +33,12 @@ pub(super) fn taken_name(imu: &str) -> Option<String> {
     let taken = [RUN_FILE, RAMP_FILE, READBACKS].into_iter().find(|begin| imu.starts_with(begin))?;
     let file = samples_file(Some(imu));
     Some(format!(
-        "is {imu:?}, its samples would be {file}, but other files have names that begin with {taken}; run it alone, or name it anew"
+        "is {imu:?}, its samples would be {file}, but other files have names that begin with {taken}; run it by itself, or give it another name"
     ))
 }
 
 impl Plan {
-    /// The name in the IMU's files: that of an IMU of a batch, `None` for one that is alone.
+    /// The name in the IMU's files: that of an IMU of a batch, `None` for a single one.
     fn name_in_files(&self) -> Option<&str> {
         self.member.as_ref().map(|member| member.imu.as_str())
     }
@@ -73,7 +73,7 @@ impl Plan {
         own_file(stem, extension, self.name_in_files())
     }
 
-    /// Writes the campaign file beside the samples. If another text is there, the log says so: the fit takes what the
+    /// Writes the campaign file next to the samples. If another text is there, the log says so: the fit takes what the
     /// plan says.
     ///
     /// # Errors
@@ -90,7 +90,7 @@ impl Plan {
                     format!(": line {number} was `{there}`, is `{planned}`")
                 });
                 tracing::warn!(
-                    "{} was not what the plan gives; it is written anew from the plan{different}",
+                    "{} was not what the plan gives; it is written again from the plan{different}",
                     shown(&path)
                 );
             }

@@ -75,7 +75,7 @@ pub(super) fn batch(plan: Plan, imus: Vec<PlannedImu>, campaigns: Vec<Campaign>)
 }
 
 impl Plan {
-    /// The plan of each IMU, with its own axes: this plan alone, or those of the batch.
+    /// The plan of each IMU, with its own axes: only this plan, or those of the batch.
     #[must_use]
     pub fn each(&self) -> &[Self] {
         if self.batch.is_empty() { std::slice::from_ref(self) } else { &self.batch }

@@ -47,13 +47,13 @@ pub struct Plan {
     pub chamber: ChamberConfig,
     /// The turntable's driver and line.
     pub turntable: TurntableConfig,
-    /// Text of the campaign file that is written beside the samples.
+    /// Text of the campaign file that is written next to the samples.
     pub campaign_toml: String,
     /// The same campaign file, parsed; of a batch the part of the first IMU.
     pub campaign: Campaign,
-    /// The IMU's place in a batch; `None` if it is alone.
+    /// The IMU's place in a batch; `None` if it is the only one.
     pub member: Option<Member>,
-    /// The plan of each IMU, in order, for a plan with `imus`; else empty. See [`each`](Self::each).
+    /// The plan of each IMU, in order, for a plan with `imus`; otherwise empty. See [`each`](Self::each).
     pub batch: Vec<Self>,
 }
 

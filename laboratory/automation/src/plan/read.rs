@@ -57,7 +57,7 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     // The keys are the same in both files; therefore the faults are reported as faults of the plan.
     let report = |faults: Faults| faults.0.into_iter().for_each(|fault| root.fault(&fault.key, fault.message));
     let campaigns = campaigns.map_err(report).ok()?;
-    // The others of a batch differ by their mountings alone.
+    // The others of a batch differ only by their mountings.
     let campaign = campaigns.first()?.clone();
     if let Err(error) = observable(&campaign) {
         root.fault("positions", error.to_string());
@@ -92,8 +92,8 @@ pub(super) fn plan(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> Optio
     Some(batch(plan, imus?, campaigns))
 }
 
-/// The file that the table of an IMU that is alone is installed as, and the IMUs of a batch; no IMUs without one, and
-/// `None` if one of them is wrong.
+/// The file that the table of a single IMU is installed as, and the IMUs of a batch; no IMUs without one, and `None` if
+/// one of them is wrong.
 fn installations(root: &Section<'_, '_>, folder: &Path, to_run: bool) -> (Option<PathBuf>, Option<Vec<PlannedImu>>) {
     let refuse_install = |file: &Path| if to_run { missing_folder(file) } else { None };
     if root.has("imus") {

@@ -12,7 +12,7 @@ fn faults(text: &str) -> String {
 #[test]
 fn the_example_says_what_is_the_default_anyway() {
     let plan = Plan::from_toml(EXAMPLE, Path::new("/plans")).unwrap();
-    // Not `campaign`, the folder of the campaign that is shipped beside the plan.
+    // Not `campaign`, the folder of the campaign that is shipped with the plan.
     assert_eq!(plan.output, Path::new("/plans/imu-a-campaign"));
     assert_eq!((plan.set_points_c.len(), plan.set_points_c[0], plan.set_points_c[14]), (15, -25.0, 45.0));
     assert_eq!(plan.positions, Scheme::SixFacesTwoHeadings.positions());
@@ -327,7 +327,7 @@ fn a_plan_with_turns_takes_six_whole_turns_within_its_limits() {
         whole
     };
     assert_eq!(plan(&instead("[turns]\n")), whole);
-    // A latitude alone only checks the local gravity.
+    // A latitude by itself only checks the local gravity.
     let place = instead("").replace("latitude_deg", "height_m = 0.0\nlatitude_deg");
     assert_eq!(plan(&place).size(), "15 set points x 12 positions");
     // Where two turns do not fit, one does; the other axis may still take two.
@@ -400,7 +400,11 @@ fn every_fault_of_the_turns_is_named() {
         (with(|turns| turns[1].0 = 7), "turn.2.number: 7 is the number of a position"),
         (with(|turns| turns[2].2 = 0.0), "turn.3.angle_deg: is 0"),
         (with(|turns| turns[2].1 = "[1, 1, 0]"), "turn.3.axis: give the unit vector"),
-        (with(|turns| turns[2].1 = "[1, 0, 0]"), "turn.3.axis: is [1, 0, 0], which is no axis of the turntable there"),
+        (
+            with(|turns| turns[2].1 = "[1, 0, 0]"),
+            "turn.3.axis: is [1, 0, 0], which is not an axis of the turntable \
+            there",
+        ),
         (
             with(|turns| turns[0].2 = 400.0),
             "turn.1.angle_deg: turn 21 from 0.0 to 400.0 deg: outer angle 400.0 deg is outside limits.outer_deg, -5.0 to 365.0 deg",

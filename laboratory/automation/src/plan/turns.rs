@@ -47,7 +47,7 @@ pub(super) fn turns(
         return whole
             .map_err(|fault| {
                 let remedy =
-                    "list each [[turn]] within the limits, or leave [turns] out to calibrate the accelerometers alone";
+                    "list each [[turn]] within the limits, or leave [turns] out to calibrate only the accelerometers";
                 root.fault("turns", format!("the turntable takes whole turns: {fault}; {remedy}"));
             })
             .ok();

@@ -1,4 +1,4 @@
-//! What a valid plan leaves unseen. It is told before anything moves: runs that do not judge the whole table cost
+//! What a valid plan leaves unseen. It is reported before anything moves: runs that do not judge the whole table cost
 //! another campaign.
 
 use super::{Plan, VerificationPlan};
@@ -25,8 +25,8 @@ impl Plan {
         let unread = |finding, key: Option<&str>, text: &str| {
             key.map(|key| Finding::warning(finding, format!("{text}; give {key}, which docs/instruments.md explains")))
         };
-        let alarms = "nobody reads the chamber's alarms: one is seen only when the air leaves its set point";
-        let faults = "nobody reads the table's faults: one is seen only when the table does not arrive";
+        let alarms = "the chamber's alarms are not read: one is seen only when the air leaves its set point";
+        let faults = "the table's faults are not read: one is seen only when the table does not arrive";
         let chamber = unread(name::ALARMS_NOT_READ, self.chamber.key_of_alarms(), alarms);
         let table = unread(name::FAULTS_NOT_READ, self.turntable.key_of_faults(), faults);
         chamber.into_iter().chain(table).collect()

@@ -43,7 +43,7 @@ impl RowSum {
     pub(super) fn new(first: &RawSample) -> Self {
         let empty = |triad: Triad| Triad { positive_pulses: [0; AXES], negative_pulses: [0; AXES], ..triad };
         let (accelerometers, gyroscopes) = (empty(first.accelerometers), empty(first.gyroscopes));
-        // A mean of lagged temperature is of no use: whoever reads the rows computes it from them.
+        // A mean of lagged temperature is of no use: readers compute it from the rows.
         let sum = RawSample { interval_ns: 0, lag_ns: 0, accelerometers, gyroscopes, ..*first };
         let (accelerometers, gyroscopes) = (TemperatureSum::default(), TemperatureSum::default());
         Self { sum, count: 0, first: *first, seconds: 0.0, accelerometers, gyroscopes, read_ns2: 0 }.with(first)

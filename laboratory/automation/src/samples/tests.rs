@@ -98,7 +98,7 @@ fn samples_that_come_late_are_not_taken_for_late_ones() {
     assert!(!text.contains(",7,590,"));
 }
 
-/// All samples of a start may be late: how late, only those after them tell.
+/// All samples of a start may be late: how late, only those after them show it.
 #[test]
 fn the_clock_is_known_when_its_offset_no_longer_rises() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,7 +306,7 @@ fn a_missing_sample_spoils_a_turn_and_nothing_of_it_stays() {
     type Change = fn(&LaboratoryClock) -> RawSample;
     let changes: [(Change, bool, &str); 5] = [
         (|clock| whole_sample(clock, 14, SECOND), true, "samples are missing"),
-        (|clock| RawSample { session: 8, ..whole_sample(clock, 12, SECOND) }, true, "the acquisition was started anew"),
+        (|clock| RawSample { session: 8, ..whole_sample(clock, 12, SECOND) }, true, "the acquisition was restarted"),
         (|clock| RawSample { interval_ns: 0, ..whole_sample(clock, 12, SECOND) }, false, "a sample cannot be used"),
         (
             |clock| {
@@ -369,7 +369,7 @@ fn a_file_keeps_the_columns_that_it_was_begun_with() {
     recorder.begin(DWELL, 2.0, 0).unwrap();
     feed_whole(&mut recorder, (3..10).map(unknown));
     let first = recorder.keep(0).unwrap().unwrap();
-    // The acquisition tells the unit from now on.
+    // The acquisition reports the unit from now on.
     feed_whole(&mut recorder, (10..12).map(|number| whole_sample(&clock, number, SECOND)));
     recorder.begin(TURN, 11.0, first.to).unwrap();
     feed_whole(&mut recorder, (12..20).map(|number| whole_sample(&clock, number, SECOND)));

@@ -104,7 +104,7 @@ fn who_spoils_a_unit_as_often_as_the_plan_attempts_it_is_named() {
         bench.feed(1, 10 + 2 * attempt, begin..begin + 5);
         assert_eq!(bench.streams.spoiled(), None);
         bench.feed(1, 11 + 2 * attempt, begin + 5..begin + 10);
-        assert_eq!(bench.streams.spoiled().as_deref(), Some("imu-b: the acquisition was started anew"));
+        assert_eq!(bench.streams.spoiled().as_deref(), Some("imu-b: the acquisition was restarted"));
         if attempt < 4 {
             assert_eq!(spoiler(&bench.streams, false), None, "{attempt}");
             assert_eq!(spoiler(&bench.streams, true), Some(1), "{attempt}");
@@ -112,7 +112,7 @@ fn who_spoils_a_unit_as_often_as_the_plan_attempts_it_is_named() {
         }
     }
     let failed = bench.streams.spoiler(false).unwrap();
-    assert_eq!((failed.imu, failed.reason.as_str()), (1, "the acquisition was started anew; attempts spoiled: 5"));
+    assert_eq!((failed.imu, failed.reason.as_str()), (1, "the acquisition was restarted; attempts spoiled: 5"));
     bench.streams.drop_imu(1);
     assert_eq!((bench.streams.spoiled(), spoiler(&bench.streams, true)), (None, None));
 }

@@ -69,6 +69,6 @@ fn a_chamber_that_somebody_sets_to_manual_ends_the_campaign() {
     let manual = vec![1, 6, 0x0a, 0xaa, 0, 54, 0x2a, 0x24];
     campaign.then(vec![at("kept", 1, ScriptAction::OrderChamber(manual))]);
     let ended = campaign.run_once();
-    assert!(said(&ended).contains("somebody changed it to manual mode (54)"), "{ended:?}");
+    assert!(said(&ended).contains("it was changed to manual mode (54) by someone else"), "{ended:?}");
     assert!(said(&ended).contains("chamber in standby"), "{ended:?}");
 }

@@ -402,7 +402,7 @@ impl DataFlashContents {
         Ok(contents)
     }
 
-    /// Forgets IMUs of which there are a few rows alone: their number is damaged.
+    /// Forgets IMUs of which there are only a few rows: their number is damaged.
     fn forget_strays(&mut self) {
         let most = self.imus.values().map(Survey::rows).max().unwrap_or(0);
         let is_stray = |rows: u64| rows < most / STRAY || (rows < FEW && rows < most / FEW);
@@ -420,7 +420,7 @@ impl DataFlashContents {
 
     fn no_rows(&self) -> String {
         const REMEDY: &str = "set LOG_DISARMED to 1 and the bit IMU of LOG_BITMASK, and log again";
-        let learnt = if self.learnt > 0 { "; rows of TCLR alone have no rate" } else { "" };
+        let learnt = if self.learnt > 0 { "; rows of TCLR by themselves have no rate" } else { "" };
         format!("no rows of IMU{learnt}; {REMEDY}")
     }
 }

@@ -3,7 +3,7 @@
 //! Binary: `A3 95`, number, body; the log defines each number before it uses it. Text: a line per message, with its
 //! name and its fields, separated by commas, as ground stations write it.
 //!
-//! Nothing tells whether the body of a binary message is whole. So a message that damage follows counts as damage: it
+//! Nothing shows whether the body of a binary message is whole. So a message that damage follows counts as damage: it
 //! may begin within its body.
 
 use super::dataflash_format::{Body, FMT, FMT_LENGTH, HEADER, MessageFormat};
@@ -116,7 +116,7 @@ impl DataFlashMessages {
         }
     }
 
-    /// An error at a place, or else here.
+    /// An error at a place, otherwise here.
     pub(super) fn error(&self, place: u64, message: String) -> RecordingError {
         match self {
             Self::Binary(log) => {

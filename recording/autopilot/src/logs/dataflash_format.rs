@@ -92,7 +92,7 @@ impl MessageFormat {
         (length >= HEADER).then(|| Self::new(number, length, &name, &letters, &names))
     }
 
-    /// Of a message of which the names of the columns are known alone.
+    /// Of a message of which only the names of the columns are known.
     pub(super) fn of_names(name: &str, names: &[&str]) -> Self {
         let names = &names[..names.len().min(MAX_COLUMNS)];
         Self::new(0, HEADER, name, &"-".repeat(names.len()), &names.join(","))

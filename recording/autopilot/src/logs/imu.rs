@@ -82,8 +82,8 @@ pub(super) fn take(data: &mut OpenData<'_>) -> Result<Box<dyn Read>, Failure> {
     Ok(data.take())
 }
 
-/// The IMU that is wanted, or else the only one, or else the preferred one, with its number in the log. There is one at
-/// least.
+/// The IMU that is wanted, otherwise the only one, otherwise the preferred one, with its number in the log. There is
+/// one at least.
 pub(super) fn choose(
     path: &Path,
     imus: &BTreeMap<u8, ImuOfLog>,

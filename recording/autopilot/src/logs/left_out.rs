@@ -66,7 +66,7 @@ impl Omissions {
         self.all.values().map(|(count, _)| count).sum()
     }
 
-    /// As findings, beside so many rows that are used.
+    /// As findings, compared with the number of rows that are used.
     pub(super) fn findings(&self, of: &str, unit: &str, rows: u64) -> Vec<Finding> {
         let finding = |(flaw, (count, _)): (&Flaw, &(u64, u64))| {
             let message = format!("{}; they are left out", self.line(*flaw, of, unit));

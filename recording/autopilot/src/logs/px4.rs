@@ -23,9 +23,9 @@ use isotherm_support::failure::Failure;
 use isotherm_support::finding::{Finding, name};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// From this mean interval on the rows are said to be few \[us\]: PX4 logs 1 Hz unless told otherwise.
+/// From this mean interval on the rows are said to be few \[us\]: PX4 logs 1 Hz unless configured otherwise.
 const FEW_US: u64 = 500_000;
-/// One of so many rows without a row of `sensor_gyro` is told.
+/// One of so many rows without a row of `sensor_gyro` is reported.
 const HELD_TOLD: u64 = 100;
 /// A row of `sensor_gyro` holds for so many mean intervals of either sensor.
 const HOLDS: u64 = 5;
@@ -202,7 +202,7 @@ impl UlogSource {
         self.messages.damage.count() + self.messages.dropouts.0 + self.gyroscope.left_out.total()
     }
 
-    /// The rates of a row: the means since the one before, or else the last ones. `Err` if there is none near.
+    /// The rates of a row: the means since the one before, otherwise the last ones. `Err` if there is none near.
     fn rates(&mut self, row: &SensorRow) -> Result<GyroscopeMeans, Option<Flaw>> {
         let mean_us = [&self.accelerometer, &self.gyroscope].map(|rows| rows.sieve.kept().mean_us());
         let mean_us = mean_us[0].max(mean_us[1]);

@@ -1,4 +1,4 @@
-//! What is known of a log besides the log itself.
+//! What is known of a log, apart from the log itself.
 
 use isotherm_recording::{LogImu, Progress};
 
@@ -12,7 +12,7 @@ pub enum GyroscopeTemperature {
     Accelerometer,
 }
 
-/// What is known of a log besides the log itself.
+/// What is known of a log, apart from the log itself.
 #[derive(Clone, Debug, Default)]
 pub struct LogSettings {
     /// The IMU, if there are several: its number in the log, from 0.

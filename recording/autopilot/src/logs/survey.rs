@@ -3,7 +3,7 @@
 use super::timeline::{LogTimeline, UsableTimes};
 use std::collections::BTreeMap;
 
-/// Most devices that are told apart.
+/// Most devices that are distinguished.
 const MAX_DEVICES: usize = 64;
 /// A thermometer stands still if others move by so much meanwhile \[degC\].
 const MOVES: f64 = 1.0;
@@ -72,7 +72,7 @@ impl Survey {
         Ok(kept)
     }
 
-    /// Why this sensor has no temperature of its own, beside one that has; `None` if it has.
+    /// Why this sensor has no temperature of its own, next to one that has; `None` if it has.
     pub(super) fn no_thermometer(&self, beside: &Self) -> Option<NoThermometer> {
         let ((count, at, most), (others, low, high)) = (self.celsius, beside.celsius);
         if !self.has_field || others == 0 {

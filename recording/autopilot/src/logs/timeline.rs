@@ -1,7 +1,7 @@
 //! Which rows of a log have times that can be: damage leaves rows with wild times, and blocks of older or newer rows.
 //!
-//! The first reading gathers runs of rows whose times rise. Of them those are kept that follow each other in time and
-//! have the most rows. The second reading takes their rows.
+//! The first reading gathers runs of rows whose times rise. Only those are kept that follow each other in time and have
+//! the most rows. The second reading takes their rows.
 
 use isotherm_recording::foreign::LEAP_NS;
 use std::collections::VecDeque;
@@ -164,7 +164,7 @@ impl UsableTimes {
     }
 }
 
-/// Tells for each row in turn whether it is kept.
+/// Decides for each row in turn whether it is kept.
 #[derive(Debug, Default)]
 pub(super) struct Sieve {
     kept: UsableTimes,

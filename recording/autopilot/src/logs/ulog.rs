@@ -5,7 +5,7 @@
 //! a message, `A` subscribes a number to one, `D` has the number and data, `O` says for how long the logger lost data.
 //! Other types, known or not, are passed over.
 //!
-//! Nothing tells whether the body of a message is whole. So a message that damage follows counts as damage: it may
+//! Nothing shows whether the body of a message is whole. So a message that damage follows counts as damage: it may
 //! begin within its body.
 
 use super::reports::Aspect;
@@ -275,7 +275,7 @@ impl UlogMessages {
             let is_cut = self.window.ahead(after + HEADER)?.len() < after + HEADER;
             return Ok(if is_cut { Standing::Cut } else { Standing::Damage });
         };
-        // What follows tells an unknown message from damage.
+        // What follows distinguishes an unknown message from damage.
         Ok(if self.is_chain(after + length)? { Standing::Unknown(length) } else { Standing::Damage })
     }
 

@@ -84,7 +84,7 @@ pub(super) struct StateLayout {
 /// A row of a sensor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SensorRow {
-    /// When it was sampled, or else when it was published \[us\].
+    /// When it was sampled, otherwise when it was published \[us\].
     pub(super) time_us: u64,
     pub(super) device: Option<u32>,
     /// \[m/s2 or rad/s\]
@@ -255,7 +255,7 @@ fn basic(kind: &str) -> Option<usize> {
 /// The fields of a definition.
 fn split(fields: &str) -> impl Iterator<Item = Result<UlogField<'_>, String>> {
     fields.split(';').map(str::trim).filter(|field| !field.is_empty()).map(|text| {
-        let wrong = || format!("the field {text:?} is no type and name; the log is damaged");
+        let wrong = || format!("the field {text:?} is not a type and a name; the log is damaged");
         let (kind, name) = text.split_once(' ').ok_or_else(wrong)?;
         let (kind, count) = match kind.split_once('[') {
             Some((kind, count)) => (kind, count.strip_suffix(']').and_then(|count| count.parse::<u16>().ok())),

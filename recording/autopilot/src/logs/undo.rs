@@ -7,7 +7,7 @@
 //! R (scale * (r - p(T) + p(Tcal) - offset)),   p(t) = 1e-6 (c1 + (c2 + c3 d) d) d,   d = t - 35 degC
 //! ```
 //!
-//! with t within INS_TCALn_TMIN and _TMAX, p only with INS_TCALn_ENABLE 1, the scale for accelerometers alone, and R of
+//! with t within INS_TCALn_TMIN and _TMAX, p only with INS_TCALn_ENABLE 1, the scale only for accelerometers, and R of
 //! AHRS_ORIENTATION. So r = (R' v) / scale + offset + p(T) - p(Tcal).
 
 use isotherm_shared::wire::AXES;

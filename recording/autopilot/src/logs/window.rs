@@ -83,7 +83,7 @@ impl Damage {
         let damaged = self.first.map(|first| {
             let count = self.count;
             let message = format!(
-                "{count} {unit}s are no messages of the log, the first is {unit} {first}: it is damaged there, and \
+                "{count} {unit}s are not messages of the log, the first is {unit} {first}: it is damaged there, and \
                  rows may be missing; copy it again"
             );
             Finding::warning(name::MISSING_ROWS, message)

@@ -29,7 +29,7 @@ fn losses(table: &CoefficientTable, options: &ExportOptions) -> Vec<EffectLoss> 
     }
 }
 
-/// The one effect that both autopilots refuse, and leave out if they are told to; no other name leaves it out.
+/// The one effect that both autopilots refuse, and leave out on request; no other name leaves it out.
 fn refused(table: &CoefficientTable, effect: Effect) -> EffectLoss {
     let others: Vec<_> = Effect::NAMES.iter().map(|(other, _)| *other).filter(|other| *other != effect).collect();
     let mut all = Vec::new();

@@ -88,7 +88,7 @@ fn the_parameters_of_px4_come_back_as_they_were() {
     let of_instance = |(name, ..): &(&str, f32, &str)| name.starts_with("TC_A0_") || name.starts_with("TC_G0_");
     let before: Vec<_> = parameters(FULL_PARAMS).into_iter().filter(of_instance).collect();
     let (after, enabled): (Vec<_>, Vec<_>) = parameters(&exported.text).into_iter().partition(of_instance);
-    // Same names, values, types and order; other instances are left alone.
+    // Same names, values, types and order; other instances are left unchanged.
     assert_eq!(after, before);
     assert_eq!(enabled, [("TC_A_ENABLE", 1.0, "6"), ("TC_G_ENABLE", 1.0, "6")]);
     // The digits that the float32 needs.

@@ -110,7 +110,7 @@ impl StampTally {
         self.counts.iter().sum()
     }
 
-    /// Whether more than one of `one_of` rows has a bad stamp that the rows around it do not fully tell. A single one
+    /// Whether more than one of `one_of` rows has a bad stamp that the rows around it do not fully show. A single one
     /// is none too many.
     pub(super) fn is_over(&self, rows: u64, one_of: u64) -> bool {
         // One in a shorter text, but not where a handful of rows says nothing about the others.

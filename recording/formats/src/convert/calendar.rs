@@ -17,7 +17,7 @@ pub(crate) fn time_ns(text: &str) -> Option<(u64, bool)> {
     u64::try_from(ns).ok().map(|ns| (ns, false))
 }
 
-/// Whether a text is a date alone, written with signs between its parts.
+/// Whether a text is only a date, written with signs between its parts.
 pub(super) fn is_date(text: &str) -> bool {
     text.contains(['-', '/', '.']) && days(text).is_some()
 }

@@ -108,7 +108,7 @@ impl Rhythm {
         }
     }
 
-    /// What it costs that the second row is the next of the chain, besides the rows that are left out; `rows` is how
+    /// What it costs that the second row is the next of the chain, apart from the rows that are left out; `rows` is how
     /// many places it is behind.
     fn cost(&self, link: ChainLink, step_ns: f64, rows: usize, is_from_zero: bool) -> f64 {
         let of_link = match link {

@@ -62,7 +62,7 @@ pub struct Sensors {
     pub kind: Kind,
     /// What is taken off each number first, such as the digital zero of an unsigned count, in the column's unit.
     pub offset: f64,
-    /// One pulse, in the column's unit; `None`: 1 for whole numbers, else 1e-6.
+    /// One pulse, in the column's unit; `None`: 1 for whole numbers, otherwise 1e-6.
     pub resolution: Option<f64>,
     /// 1, or -1 for an axis that points the other way.
     pub sign: [f64; AXES],
@@ -71,8 +71,8 @@ pub struct Sensors {
     pub unit: Option<f64>,
     /// Largest reading of the type, in the column's unit.
     pub range: Option<f64>,
-    /// The column of the time \[us\] that each number was summed up over, of layouts that are known alone; the
-    /// readings are the numbers over this time.
+    /// The column of the time \[us\] that each number was summed up over, only of layouts that are known; the readings
+    /// are the numbers over this time.
     pub duration: Option<ColumnRef>,
 }
 
@@ -119,7 +119,7 @@ pub struct SensorColumns {
 }
 
 impl SensorColumns {
-    /// Reads the three sections. With `header` columns have names, else numbers. Faults are added to `document`.
+    /// Reads the three sections. With `header` columns have names, otherwise numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
         Self::sections(document, root, header, false, NumberRules { kinds: &Kind::OF_SIGNALS, are_means: false })
     }
@@ -231,7 +231,7 @@ fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: 
         wrong.map(|scale| format!("is {scale}, give one of the column's unit in m/s2, rad/s, m/s or rad, over 0")),
     );
     let both = section.has("unit") && section.has("scale");
-    section.refuse("scale", both.then(|| "is there beside unit; give one of them".to_owned()));
+    section.refuse("scale", both.then(|| "is given in addition to unit; give one of them".to_owned()));
     let unit = unit.or(scale);
     let range = section.optional_number("range");
     let wrong = range.filter(|range| *range <= 0.0);
@@ -278,7 +278,10 @@ const THREE: &str = "three columns, of the axes 1, 2, 3";
 fn channels(section: &Section<'_, '_>, kind: Option<Kind>, header: bool) -> Option<[Option<Vec<ColumnRef>>; 2]> {
     section.ignore("columns");
     if section.has("columns") {
-        section.fault("columns", "is there beside positive and negative; give one number an axis, or both channels");
+        section.fault(
+            "columns",
+            "is given in addition to positive and negative; give one number an axis, or both channels",
+        );
     }
     if kind.is_some_and(|kind| !kind.is_of_pulses()) {
         let key = if section.has("positive") { "positive" } else { "negative" };
@@ -347,7 +350,7 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
     let temperature = match (section.has("constant"), section.has("columns")) {
         (true, true) => {
             section.ignore("columns");
-            section.fault("constant", "is there beside columns; give one of them");
+            section.fault("constant", "is given in addition to columns; give one of them");
             None
         }
         (true, false) => constant.map(Temperature::Constant),

@@ -232,7 +232,7 @@ impl Fixer {
     }
 
     /// Places the bad rows of a run between two good ones, and counts them: where their own stamps have them in this
-    /// hole or the ones beside it; or in order, where as many places are left as rows; or where their own stamps have
+    /// hole or the ones next to it; or in order, where as many places are left as rows; or where their own stamps have
     /// them nearby.
     fn fix(&mut self, good: &[SessionRow], run: core::ops::Range<usize>, placed: &mut Vec<SessionRow>) {
         let next = good.partition_point(|row| row.at < run.start);

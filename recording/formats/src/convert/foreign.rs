@@ -1,11 +1,11 @@
-//! What is known of foreign data besides the data themselves.
+//! What is known of foreign data, apart from the data themselves.
 
 use super::mapping::Mapping;
 use super::settings::{Settings, TimeSource};
 use isotherm_autopilot::logs::GyroscopeTemperature;
 use std::path::{Path, PathBuf};
 
-/// What is known of foreign data: what `isotherm convert` is told of them.
+/// What is known of foreign data: the options of `isotherm convert` about them.
 #[derive(Clone, Debug, Default)]
 pub struct Foreign {
     /// Name and text of the mapping file.

@@ -76,7 +76,7 @@ impl ProposedColumn {
         interval::rounded(&shape).map(|ns| ns as f64 / 1e9)
     }
 
-    /// The unit of the time: of the name; or that with which the rows have the stated interval \[s\]; or else a guess
+    /// The unit of the time: of the name; or that with which the rows have the stated interval \[s\]; otherwise a guess
     /// by size.
     pub(super) fn time_unit(&self, stated_s: Option<f64>) -> UnitGuess {
         if self.times.is_some() {

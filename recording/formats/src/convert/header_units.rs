@@ -1,4 +1,4 @@
-//! What the header of a text says of units, beside what the mapping says.
+//! What the header of a text says of units, compared with what the mapping says.
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
 use super::mapping::Mapping;
@@ -59,8 +59,8 @@ fn of_sensors(
             Ok((!is_default).then(|| format!("{section}: the unit is {}, as the header says", said.name)))
         }
         (UnitWord::Unknown(text), None) if quantity.is_other(&text) => Err(format!(
-            "{section}.columns: the header says {text} ({}), which is no unit of the {section}; give its columns, or \
-             {section}.unit",
+            "{section}.columns: the header says {text} ({}), which is not a unit of the {section}; give its columns, \
+             or {section}.unit",
             names.join(", ")
         )),
         _ => Ok(None),

@@ -43,7 +43,7 @@ impl ColumnHeading {
         is_named && self.accelerometer().is_none() && self.gyroscope().is_none()
     }
 
-    /// Whether it is named t or T: the time, or beside a time the temperature.
+    /// Whether it is named t or T: the time, or next to a time the temperature.
     pub(super) fn is_t(&self) -> bool {
         self.base.iter().any(|part| part == "t") && of_temperature(&self.name).is_none()
     }
@@ -88,7 +88,7 @@ impl ColumnHeading {
         found.filter(|_| self.accelerometer().is_none())
     }
 
-    /// The axis of a column named x, y or z alone.
+    /// The axis of a column named only x, y or z.
     pub(super) fn bare(&self) -> Option<usize> {
         matches!(&self.base[..], [only] if ["x", "y", "z"].contains(&only.as_str())).then(|| self.axis())?
     }

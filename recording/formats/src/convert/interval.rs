@@ -85,7 +85,7 @@ impl IntervalSteps {
             return None;
         }
         let covariance = (self.products - (count - 1.0) * off * off) / count;
-        // Of each run the stamps of its ends alone remain.
+        // Of each run only the stamps of its ends remain.
         let of_ends = self.variance() * ((self.long + 1) as f64 / count).min(1.0);
         let variance = (self.variance() + 2.0 * covariance).max(of_ends);
         let explained = ERRORS * (variance / count).sqrt();
@@ -98,7 +98,7 @@ impl IntervalSteps {
 pub(super) struct IntervalShape {
     /// The time from row to row \[ns\].
     pub period_ns: f64,
-    /// Whether the stamps are those of the rows; else they jitter or come in bursts.
+    /// Whether the stamps are those of the rows; otherwise they jitter or come in bursts.
     pub is_even: bool,
     /// A longer step is a gap \[ns\].
     pub gap_ns: u64,
@@ -116,9 +116,9 @@ const USUAL: f64 = 0.2;
 /// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be
 /// lost.
 const LEAST_USUAL: f64 = 0.45;
-/// Steps over this number of usual ones tell nothing of the usual step.
+/// Steps over this number of usual ones show nothing of the usual step.
 const FEW: f64 = 10.0;
-/// Fewer rows than this do not tell jitter from lost rows.
+/// Fewer rows than this do not distinguish jitter from lost rows.
 const FEWEST_UNEVEN: usize = 100;
 /// Most steps of 0 between even stamps.
 const STANDING: f64 = 0.01;
@@ -209,7 +209,7 @@ fn of_bursts(times: &[u64], gap_ns: u64) -> Option<u64> {
     (is_alike && usual_ns <= LONGEST_BURST_NS && times.len() < LARGEST_BURST * (long.len() + 1)).then_some(usual_ns)
 }
 
-/// The usual step \[ns\]: the sum of all that tell it over the number of rows that they are long.
+/// The usual step \[ns\]: the sum of all that show it over the number of rows that they are long.
 fn usual(steps: &[u64], median_ns: u64) -> f64 {
     let mut near = IntervalSteps::new(median_ns);
     steps.iter().filter(|step| **step > 0).for_each(|step| near.take(*step));

@@ -326,7 +326,7 @@ impl ForeignRows for JoinedSource {
         add(
             filled,
             format!(
-                "rows of the {rows} have no reading of the {readings} beside them, and have the mean of the rows \
+                "rows of the {rows} have no reading of the {readings} next to them, and have the mean of the rows \
                  about them"
             ),
         );

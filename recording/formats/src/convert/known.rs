@@ -92,7 +92,7 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<KnownFormat
         return refused("a topic is named, but this is not MCAP");
     }
     if format.is_some() && settings.gyroscope_file.is_some() {
-        return refused("a file of the gyroscopes is named, but this is no text with a mapping");
+        return refused("a file of the gyroscopes is named, but this is not a text with a mapping");
     }
     let is_log = matches!(format, Some(KnownFormat::Ulog | KnownFormat::DataFlash(_)));
     if is_log && settings.time != TimeSource::Header {
@@ -107,10 +107,10 @@ pub(super) fn check(settings: &Settings, path: &Path, format: Option<KnownFormat
         );
     }
     if !is_log && settings.instance.is_some() {
-        return refused("an instance is named, but this is no log of an autopilot");
+        return refused("an instance is named, but this is not a log of an autopilot");
     }
     if !is_log && settings.gyroscope_temperature != GyroscopeTemperature::Own {
-        return refused("the temperature of the gyroscopes is named, but this is no log of an autopilot");
+        return refused("the temperature of the gyroscopes is named, but this is not a log of an autopilot");
     }
     Ok(())
 }

@@ -152,7 +152,8 @@ impl First {
         }))
     }
 
-    /// Whether columns that are called x, y, z are those of gyroscopes: by the name of the file, else by their length.
+    /// Whether columns that are called x, y, z are those of gyroscopes: by the name of the file, otherwise by their
+    /// length.
     fn are_rates(&self, columns: [usize; AXES], name: &Path) -> bool {
         let file = name.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         match (file.contains("gyr"), file.contains("acc")) {
@@ -162,7 +163,7 @@ impl First {
         }
     }
 
-    /// Layouts whose rows tell what they are.
+    /// Layouts whose rows show what they are.
     fn without_header(&self, name: &Path) -> Result<Option<LayoutMatch>, String> {
         let count = self.columns.iter().filter(|column| !column.values.is_empty()).count();
         let last = self.columns.last().is_some_and(|column| column.is_numeric());
@@ -295,7 +296,7 @@ impl LayoutMatch {
 
 fn rates_alone(layout: &str) -> String {
     format!(
-        "a text as of {layout}: it has rates alone; give the file of the accelerometers, and this one with \
+        "a text as of {layout}: it has only rates; give the file of the accelerometers, and this one with \
          --gyroscope-file FILE"
     )
 }

@@ -32,20 +32,20 @@ pub struct LookedColumn {
     pub values: Vec<f64>,
     /// Most decimals of a value; 0 if all are whole.
     pub decimals: usize,
-    /// Whether all fields are dates with a time, dates alone, or times of the day: that one.
+    /// Whether all fields are dates with a time, only dates, or times of the day: that one.
     pub calendar: Option<Calendar>,
     /// The times of a calendar \[s\].
     pub times_s: Vec<f64>,
 }
 
-/// How fields tell a time.
+/// How fields state a time.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub enum Calendar {
     /// Date and time.
     Both,
-    /// The date alone.
+    /// Only the date.
     Date,
-    /// The time of the day alone.
+    /// Only the time of the day.
     OfDay,
 }
 
@@ -61,7 +61,7 @@ impl LookedTable {
         let (opening, source) = TextOpening::read(Box::new(source), 0).map_err(failed)?;
         let Some(table) = opening.table() else {
             return Err(
-                Failure::new(Exit::Data, format!("{}: this is no table of numbers", shown(path))).at(path, None)
+                Failure::new(Exit::Data, format!("{}: this is not a table of numbers", shown(path))).at(path, None)
             );
         };
         let mut rows = rows_of(source, &table, 0).map_err(failed)?;

@@ -152,13 +152,13 @@ impl Mapping {
         document.finish(mapping)
     }
 
-    /// The same, of the section `samples` of a campaign file, which has other keys beside; `None` if it names no
+    /// The same, of the section `samples` of a campaign file, which has other keys in addition; `None` if it names no
     /// columns, as of recordings, or if it is faulty.
     ///
     /// # Errors
     /// All faults of the mapping, with line and key.
     pub fn of_campaign(text: &str) -> Result<Option<Self>, Faults> {
-        // What is no TOML the rest of the file tells.
+        // If it is not TOML, the rest of the file shows it.
         let Ok(document) = Document::parse(text) else { return Ok(None) };
         let root = document.root();
         let samples = root.unchecked("samples");
@@ -321,7 +321,7 @@ fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate:
     let (column, of_day) = time_columns(&section, header);
     let time = RowTimes { column, of_day, interval_ns: interval(&section, given_ns) };
     if has_gate && section.has("interval_s") {
-        section.fault("interval_s", "is there beside gate_s, which is the interval of every row; leave it out");
+        section.fault("interval_s", "is given in addition to gate_s, which is the interval of every row; leave it out");
     } else if !section.has("column") && !section.has("interval_s") && given_ns.is_none() && !has_gate {
         section.fault("interval_s", "missing; give the nominal interval in s or --interval, or the column of the time");
     }
@@ -329,7 +329,7 @@ fn time(section: Section<'_, '_>, header: bool, given_ns: Option<u64>, has_gate:
     time
 }
 
-/// The column of the time with its unit, and that of the time of the day, if the first one has the date alone.
+/// The column of the time with its unit, and that of the time of the day, if the first one has only the date.
 fn time_columns(section: &Section<'_, '_>, header: bool) -> (Option<(ColumnRef, TimeUnit)>, Option<ColumnRef>) {
     let power = TimeUnit::Power;
     let units = [(power(9), "s"), (power(6), "ms"), (power(3), "us"), (power(0), "ns"), (TimeUnit::Iso8601, "iso8601")];
@@ -416,7 +416,7 @@ mod tests {
             "line 9: accelerometer.kind: is \"rates\"",
             "line 10: accelerometer.resolution: is 0, give one pulse",
             "line 11: accelerometer.sign: give three signs",
-            "line 14: temperature.constant: is there beside columns",
+            "line 14: temperature.constant: is given in addition to columns",
         ] {
             assert!(wrong.contains(expected), "{expected}\n--\n{wrong}");
         }

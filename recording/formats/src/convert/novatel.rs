@@ -81,7 +81,7 @@ impl NovatelSource {
     /// The row of a line.
     fn reading(&mut self) -> Result<ForeignRow, ForeignMessage> {
         let broken = |message: &str| ForeignMessage::Bad(Fault::Line, message.to_owned());
-        let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are no text; is the log damaged?"))?;
+        let line = str::from_utf8(&self.text).map_err(|_| broken("bytes that are not text; is the log damaged?"))?;
         let line = line.trim_end();
         match line.chars().next() {
             None | Some('<' | '[') => return Err(ForeignMessage::Abbreviated),
@@ -250,7 +250,7 @@ mod tests {
             assert_eq!((readings[0].timestamp_ns, readings[0].pulses, readings[0].place), (Some(week + ns), pulses, 3));
             assert_eq!((readings[0].head, readings[0].board), ([20.0; 6], [20.0; 6]));
         }
-        // The first log that comes is read alone.
+        // Only the first log that comes is read.
         assert_eq!(read(EXAMPLES.join("\n")).unwrap().len(), 1);
     }
 

@@ -120,7 +120,7 @@ impl TextOpening {
             (0..self.lines.len().min(SEARCHED)).find_map(|at| {
                 let fitting =
                     Separator::ALL.into_iter().filter_map(|separator| self.rows_from(at, separator, is_right));
-                // Of those with which it is a row, the one with the most columns; of equal ones the first.
+                // The one of those with which it is a row, with the most columns; of equal ones the first.
                 fitting.rev().max_by_key(|table| table.width)
             })
         };
@@ -336,7 +336,7 @@ impl Checksums {
     }
 }
 
-/// The fields of a line, without an empty one behind a separator at the end. None if they cannot be told.
+/// The fields of a line, without an empty one behind a separator at the end. None if they are not known.
 fn fields(line: &[u8], separator: Separator) -> Vec<String> {
     let mut row = Rows::new(line);
     let read = row.next_row().and_then(|is_there| if is_there { row.separate_by(separator) } else { Ok(()) });
@@ -383,8 +383,8 @@ fn is_alike(one: &[String], other: &[String]) -> bool {
     one.len() == other.len() && one.iter().zip(other).all(is_alike)
 }
 
-/// Whether these can be the names of columns: a name has a letter. Three numbers or more among them are names beside
-/// words alone, as in `t,1,2,3`; else it is a row with a damaged field.
+/// Whether these can be the names of columns: a name has a letter. Three numbers or more among them are names only next
+/// to words, as in `t,1,2,3`; otherwise it is a row with a damaged field.
 fn is_names(fields: &[String]) -> bool {
     let mut others = fields.iter().filter(|field| !is_value(field)).peekable();
     let has_letter = |field: &String| field.chars().any(char::is_alphabetic);

@@ -25,7 +25,7 @@ const ROWS: usize = 1000;
 const LISTED: usize = 40;
 /// Longest line above the header that is shown \[letters\].
 const SHOWN: usize = 60;
-/// How far the length of the specific force may be off gravity, to be told from other numbers.
+/// How far the length of the specific force may differ from gravity, to be distinguished from other numbers.
 const OFF_GRAVITY: f64 = 0.05;
 /// Pulses that a number may have, with room for numbers 20 times as large as those of the first rows.
 const MOST_PULSES: f64 = 2e8;
@@ -180,7 +180,7 @@ impl ProposalText<'_> {
         Some(SensorProposal { columns, guess })
     }
 
-    /// The gyroscopes: by name, or what is left beside accelerometers that were found by their length.
+    /// The gyroscopes: by name, or what is left next to accelerometers that were found by their length.
     fn gyroscope(&self, time: Option<usize>, accelerometer: Option<SensorProposal>) -> Option<SensorProposal> {
         let of = accelerometer.map(|of| of.columns);
         let taken: Vec<_> = of.into_iter().flatten().chain(time).collect();

@@ -28,7 +28,11 @@ const KNOWN: [(&[u8], &str); 27] = [
         "a bag of ROS 1; convert it to MCAP: mcap convert IN.bag OUT.mcap, or \
          rosbags-convert --src IN.bag --dst NEW --dst-storage mcap",
     ),
-    (PARQUET_MAGIC, "Parquet; if it is a recording of Isotherm, every command reads it as it is; else save it as CSV"),
+    (
+        PARQUET_MAGIC,
+        "Parquet; if it is a recording of Isotherm, every command reads it as it is; otherwise save it \
+        as CSV",
+    ),
     (b"\xaa\x44\x12", BINARY_NOVATEL),
     (b"\xaa\x44\x13", BINARY_NOVATEL),
     (
@@ -143,7 +147,7 @@ pub(super) fn no_text(beginning: &[u8]) -> Option<String> {
     }
     let lines = beginning.trim_ascii_end();
     (lines.contains(&b'\r') && !beginning.contains(&b'\n')).then(|| {
-        "its lines end with a carriage return alone; make line feeds of them: tr '\\r' '\\n' <FILE | isotherm convert - .."
+        "its lines end with only a carriage return; make line feeds of them: tr '\\r' '\\n' <FILE | isotherm convert - .."
             .to_owned()
     })
 }

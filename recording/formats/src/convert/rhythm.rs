@@ -61,7 +61,7 @@ pub(super) struct Twice {
 }
 
 /// Which rows are there twice, of rows that are stamped at their usual pace, and of rows that are stamped when they
-/// arrive: a burst has one stamp, and its rows may have the same values where these do not tell rows apart.
+/// arrive: a burst has one stamp, and its rows may have the same values where these do not distinguish rows.
 pub(super) fn twice(rows: &VecDeque<ForeignRow>) -> [Twice; 2] {
     // Pairs of rows with other stamps and with one stamp; of each all, and those with the same values.
     let mut pairs = [[0_usize; 2]; 2];

@@ -48,7 +48,7 @@ pub(super) struct RosSource {
     units: [f64; 2],
 }
 
-/// Which readings of the messages are wanted. A topic of accelerometers or gyroscopes alone has zeros for the others.
+/// Which readings of the messages are wanted. A topic of only accelerometers or gyroscopes has zeros for the others.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 enum SensorChoice {
     All,
@@ -213,7 +213,7 @@ impl RosSource {
                 source.begin().map_err(failed)
             }
             TopicChoice::Two([topic, of_gyroscopes]) => {
-                // They are read beside each other, however far apart they lie in the file.
+                // They are read together, however far apart they lie in the file.
                 let others = BagMessages::open(data.source, &Settings::default())?;
                 let accelerometers =
                     Self { temperatures, ..of_topic(messages, topic.clone(), SensorChoice::Accelerometers) };
@@ -364,7 +364,7 @@ impl Temperatures {
         !self.values.is_empty() && self.passed(time_ns) == 0
     }
 
-    /// The last temperature up to this time, or else the first.
+    /// The last temperature up to this time, otherwise the first.
     fn at(&self, time_ns: u64) -> Option<f64> {
         self.values.get(self.passed(time_ns).saturating_sub(1)).map(|(_, celsius)| *celsius)
     }
@@ -409,7 +409,7 @@ impl BagContents {
             let of_gyroscopes = choose(&names, Some(of_gyroscopes), "")?.ok_or_else(|| self.no_imu())?;
             let others: Vec<_> = names.into_iter().filter(|name| *name != of_gyroscopes).collect();
             let topic = choose(&others, topic, "--topic")?;
-            let topic = topic.ok_or("no topic of accelerometers beside that of the gyroscopes; give --topic alone")?;
+            let topic = topic.ok_or("no topic of accelerometers next to that of the gyroscopes; give only --topic")?;
             return Ok(TopicChoice::Two([topic, of_gyroscopes]));
         }
         let seen: Vec<_> = self.imus.iter().collect();
@@ -448,7 +448,7 @@ impl BagContents {
     }
 }
 
-/// The topic that is wanted, or else the only one; `None` if there is none.
+/// The topic that is wanted, otherwise the only one; `None` if there is none.
 fn choose(topics: &[String], wanted: Option<&str>, option: &str) -> Result<Option<String>, String> {
     match (wanted, topics) {
         (Some(wanted), _) => {

@@ -1,4 +1,4 @@
-//! What is known of foreign data besides a mapping.
+//! What is known of foreign data, apart from a mapping.
 
 use super::mapping::Mapping;
 use isotherm_autopilot::logs::{GyroscopeTemperature, LogSettings};
@@ -17,7 +17,7 @@ pub enum TimeSource {
     Rate,
 }
 
-/// What is known of foreign data besides a mapping.
+/// What is known of foreign data, apart from a mapping.
 #[derive(Clone, Debug, Default)]
 pub struct Settings {
     /// The mapping of texts, where it has been read: that of a campaign file.
@@ -44,7 +44,7 @@ pub struct Settings {
     pub gyroscope_temperature: GyroscopeTemperature,
     /// The IMU that is taken of an autopilot's log with several, if none is named: that of a table.
     pub preferred: Option<LogImu>,
-    /// Whether the pieces of a recording keep the given order where no clock tells theirs.
+    /// Whether the pieces of a recording keep the given order where no clock shows theirs.
     pub in_order: bool,
     /// The nominal interval of the pieces of a recording \[ns\], and the number of rows that it was found from. It is
     /// taken where that of the data is the same but for jitter.

@@ -242,13 +242,12 @@ impl StampedRows {
                 0 | 1 => "the stamps jitter by over a fifth of the interval".to_owned(),
                 rows => format!("rows come in bursts of about {rows}"),
             };
-            let lost = if is_found { "; lost rows cannot be told from it: give interval_s" } else { "" };
+            let lost = if is_found { "; lost rows cannot be detected by it: give interval_s" } else { "" };
             Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock{lost}"))
         });
         let bad = self.fixer.tally().findings(self.fixer.rows(), &|place| self.source.name(place), session);
         let rate = (self.time == TimeSource::Rate).then(|| {
-            let message =
-                "the rows are one interval apart, whatever their stamps say: rows that are lost cannot be told";
+            let message = "the rows are one interval apart, whatever their stamps say: lost rows cannot be detected";
             Finding::warning(name::STAMPS, message.to_owned())
         });
         rollover.into_iter().chain(uneven).chain(rate).chain(bad).collect()

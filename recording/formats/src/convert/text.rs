@@ -43,14 +43,14 @@ pub(super) struct TextSource {
     above: (Vec<Vec<u8>>, usize),
     /// Whether lines that begin as a comment are none: all rows do.
     has_signs: bool,
-    /// Line of the header, or else of the first row.
+    /// Line of the header, otherwise of the first row.
     begin: u64,
     columns: TextColumns,
     /// The columns of set point and position, of a sheet of means.
     labels: Option<[CsvColumn; 2]>,
     accelerometers: TextAxes,
     gyroscopes: Option<TextAxes>,
-    /// Whether `accelerometers` has the gyroscopes: in a text of them alone.
+    /// Whether `accelerometers` has the gyroscopes: in a text of only them.
     is_of_gyroscopes: bool,
     /// What the header says of units.
     notes: Vec<String>,
@@ -70,7 +70,7 @@ pub(super) struct TextSource {
     first_row: Option<u64>,
 }
 
-/// The columns beside those of the sensors.
+/// The columns next to those of the sensors.
 struct TextColumns {
     time: Option<(CsvColumn, TimeUnit)>,
     /// That of the time of the day, where `time` is the date.
@@ -104,7 +104,7 @@ pub(super) fn proposal(source: Box<dyn Read>) -> Result<String, RecordingError> 
 /// The same for what is behind `skip` lines.
 fn proposed(opening: &TextOpening, source: Box<dyn Read>, skip: u64) -> Result<String, RecordingError> {
     let Some(table) = opening.table() else {
-        let message = format!("no two rows with {FEWEST} numbers or more; this is no table of numbers");
+        let message = format!("no two rows with {FEWEST} numbers or more; this is not a table of numbers");
         return Err(RecordingError::Data { line: opening.last(), message });
     };
     let mut rows = rows_of(source, &table, skip)?;
@@ -198,7 +198,7 @@ impl TextSource {
         Ok(Self { recognised: Some(recognised.clone()), ..Self::new(source, recognised.mapping)? })
     }
 
-    /// As [`new`](Self::new), of a text that has the gyroscopes of `mapping` alone, and no temperature.
+    /// As [`new`](Self::new), of a text that has only the gyroscopes of `mapping`, and no temperature.
     pub(super) fn of_gyroscopes(source: Box<dyn Read>, mapping: Mapping) -> Result<Self, RecordingError> {
         let Some(gyroscope) = mapping.gyroscope else {
             let message = "the mapping has no gyroscopes; give [gyroscope] with the columns of this file".to_owned();
@@ -332,7 +332,7 @@ impl TextSource {
         Ok(both)
     }
 
-    /// Whether the current line is no row, though it is not blank: a comment, separators alone, or what stood above the
+    /// Whether the current line is no row, though it is not blank: a comment, only separators, or what stood above the
     /// first row, which a logger writes again when it starts again.
     fn is_no_row(&self) -> bool {
         let line = self.rows.line_text().trim_ascii();
@@ -462,7 +462,7 @@ impl ForeignRows for TextSource {
         let above = (above > 0)
             .then(|| format!("{what} is line {}; what stands above it is passed over, {above} lines", self.begin));
         let between =
-            (self.no_rows > 0).then(|| format!("{} lines between the rows are no rows, as comments", self.no_rows));
+            (self.no_rows > 0).then(|| format!("{} lines between the rows are not rows, as comments", self.no_rows));
         let recognised = self.recognised.iter().map(|recognised| recognised.note.clone());
         let of_units = self.notes.iter().cloned();
         // A layout is known with what stands above it.

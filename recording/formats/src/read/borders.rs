@@ -116,12 +116,13 @@ impl Borders {
                 missing => format!("; {missing} rows are missing between them"),
             };
             format!(
-                "{first} to {last}: {pieces} pieces are joined, since the time goes on from each to the next{missing}"
+                "{first} to {last}: {pieces} pieces are joined, since the time continues from each to the \
+                 next{missing}"
             )
         });
         let apart = self.apart.iter().map(|Apart { before, piece, why }| {
             let (before, piece) = (shown(before), shown(piece));
-            format!("{piece} is a session of its own: it does not go on from {before}, since it {why}")
+            format!("{piece} is a session of its own: it does not continue {before}, since it {why}")
         });
         self.notes.iter().cloned().chain(joined).chain(apart).collect()
     }

@@ -87,7 +87,7 @@ impl Chunk {
             }
             Some(Ok(LinearReadEvent::ReadRequest(_))) => self.0.notify_read(0),
         }
-        // The library asks for more at the end of the chunk. Told that there is none, it says whether that is its end.
+        // The library asks for more at the end of the chunk. If there is none, it reports whether that is its end.
         match self.0.next_event() {
             None => Ok(None),
             Some(Err(McapError::UnexpectedEof)) => Err(McapError::UnexpectedEoc),

@@ -1,4 +1,4 @@
-//! What the conversions of the foreign pieces of a recording tell in the end.
+//! What the conversions of the foreign pieces of a recording report in the end.
 
 use super::piece::Piece;
 use crate::convert::{Conversion, Scale};
@@ -16,7 +16,7 @@ const LISTED: usize = 3;
 #[derive(Default)]
 pub(super) struct ConversionEnds(Vec<(PathBuf, Option<ConversionEnd>)>);
 
-/// What a conversion tells after its last row.
+/// What a conversion reports after its last row.
 struct ConversionEnd {
     notes: Vec<String>,
     findings: Vec<Finding>,
@@ -57,7 +57,7 @@ impl ConversionEnds {
         self.once(|end| &end.findings).into_iter().map(found).chain(self.intervals()).collect()
     }
 
-    /// What the pieces tell, each once, with the pieces that tell it.
+    /// What the pieces report, each once, with the pieces that report it.
     fn once<'a, T: PartialEq>(&'a self, told: impl Fn(&'a ConversionEnd) -> &'a Vec<T>) -> Vec<(Vec<&'a Path>, &'a T)> {
         let mut all: Vec<(Vec<&Path>, &T)> = Vec::new();
         for (path, end) in self.foreign() {

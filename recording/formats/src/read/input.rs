@@ -1,4 +1,4 @@
-//! What is known of the files of a recording besides their names.
+//! What is known of the files of a recording, apart from their names.
 
 use super::part::Part;
 use super::table::ImuChoice;
@@ -16,14 +16,14 @@ pub struct Input {
 }
 
 impl Input {
-    /// Of this part of each recording alone.
+    /// Only of this part of each recording.
     #[must_use]
     pub fn within(self, part: Part) -> Self {
         Self { part, ..self }
     }
 }
 
-/// Recordings alone.
+/// Only recordings.
 impl From<ImuChoice> for Input {
     fn from(imu: ImuChoice) -> Self {
         Self { imu, foreign: None, part: Part::default() }

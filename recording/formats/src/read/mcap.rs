@@ -49,7 +49,7 @@ struct OpenChannel {
 
 impl McapReader {
     /// Reads from `source`, which has the bytes of the source `of`; with `raw`, the messages of channels
-    /// `isotherm/<imu>/raw`, else those of any channel.
+    /// `isotherm/<imu>/raw`, otherwise those of any channel.
     pub(super) fn new(
         of: &DataSource,
         source: Box<dyn Read>,

@@ -103,7 +103,7 @@ struct Operands {
 }
 
 impl Operands {
-    /// Resolves `names` in a file; `has` tells whether the file has a column. A name that is neither a column nor a
+    /// Resolves `names` in a file; `has` shows whether the file has a column. A name that is neither a column nor a
     /// difference of columns is taken for a column, which is then missing.
     fn resolve(names: &[&str], has: impl Fn(&str) -> bool) -> Result<Self, String> {
         let mut operands = Self::default();

@@ -44,9 +44,9 @@ pub(super) fn first_row_columns() -> [WantedColumn; 4] {
 /// The order of the pieces of a recording. `first` reads the first row of a piece, `None` if it is empty. Those of a
 /// session are sorted by sequence, whatever the clocks say. Sessions, and pieces that name none, are sorted by the time
 /// when they began: by the recorder's clock, which goes on when the acquisition is started anew, if all pieces have it,
-/// else by the acquisition's. Pieces without rows come first; if no piece has a time, the given order is kept.
+/// otherwise by the acquisition's. Pieces without rows come first; if no piece has a time, the given order is kept.
 ///
-/// With `is_given`, sessions and pieces keep the given order where no clock tells theirs: where a piece has no time, or
+/// With `is_given`, sessions and pieces keep the given order where no clock shows theirs: where a piece has no time, or
 /// begins before another one has ended, as with clocks that begin anew. `first` then needs the last times, too.
 pub(super) fn in_order(
     sources: &[DataSource],
@@ -62,7 +62,7 @@ pub(super) fn in_order(
     for source in sources {
         let path = source.name();
         let Some(identity) = source.identity().map_err(|error| Failure::io("opening", path, &error))? else {
-            return usage(format!("{}: pieces of a recording must be files; a pipe is read alone", shown(path)));
+            return usage(format!("{}: pieces of a recording must be files; a pipe is read by itself", shown(path)));
         };
         if !names.insert(identity) {
             return usage(format!("{} is named twice; name every piece once", shown(path)));
@@ -107,10 +107,10 @@ fn order(firsts: &[Option<FirstRow>], is_given: bool) -> PieceOrder {
     let is_one_session = begins.len() == 1 && firsts.iter().flatten().all(|row| row.session != 0);
     let note = match (is_one_session, is_decided) {
         (true, _) => {
-            format!("{IN_ORDER} has no effect: the pieces are of one session, and its sequences tell their order")
+            format!("{IN_ORDER} has no effect: the pieces are of one session, and its sequences show their order")
         }
-        (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and tell their order"),
-        (_, false) => "the pieces are in the order in which they are named: no clock tells theirs".to_owned(),
+        (_, true) => format!("{IN_ORDER} has no effect: the times of the pieces do not overlap, and show their order"),
+        (_, false) => "the pieces are in the order in which they are named: no clock shows theirs".to_owned(),
     };
     PieceOrder { places, note: is_given.then_some(note) }
 }

@@ -43,14 +43,16 @@ impl FilePair {
 ///
 /// # Errors
 /// If the mapping has no gyroscopes, and the file of the gyroscopes would be taken for one of accelerometers; if a file
-/// of gyroscopes is given beside several files.
+/// of gyroscopes is given together with several files.
 pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Result<Option<FilePair>, Failure> {
     let Some(foreign) = input.foreign.as_ref().filter(|_| kind == RowKind::Sample) else { return Ok(None) };
     let usage = |message: String| Err(Failure::new(Exit::Usage, message));
     if foreign.settings.gyroscope_file.is_some() {
         return match sources {
             [_] => Ok(None),
-            _ => usage("--gyroscope-file goes with one file of accelerometers; convert each pair alone".to_owned()),
+            _ => {
+                usage("--gyroscope-file goes with one file of accelerometers; convert each pair separately".to_owned())
+            }
         };
     }
     let [one, other] = sources else { return Ok(None) };
@@ -78,7 +80,7 @@ pub(super) fn find(sources: &[DataSource], kind: RowKind, input: &Input) -> Resu
                 [accelerometers, gyroscopes].map(|source| shown(source.name()).to_string());
             usage(format!(
                 "{gyroscopes} has the gyroscopes of {accelerometers}, by its name, and the mapping has \
-                 none: give [gyroscope] with its columns, or name one of the files alone"
+                 none: give [gyroscope] with its columns, or name only one of the files"
             ))
         }
         // A layout of accelerometers is recognised, and the same of gyroscopes is refused.

@@ -153,7 +153,7 @@ pub struct ConversionPart {
 }
 
 impl ConversionPart {
-    /// The conversion, for what it tells after its last row.
+    /// The conversion, for what it reports after its last row.
     #[must_use]
     pub const fn conversion(&self) -> &Conversion {
         &self.conversion

@@ -34,8 +34,7 @@ struct PieceBeginning {
 }
 
 impl Pieces {
-    /// Looks at pieces, which are named in any order. Of several
-    /// files the beginning of each is read.
+    /// Looks at pieces, which are named in any order. If there are several files, the beginning of each is read.
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning; if they are of several IMUs.
@@ -64,8 +63,8 @@ impl Pieces {
         let without_time = |seen: &PieceBeginning| seen.is_foreign && !seen.has_times;
         if seen.iter().any(without_time) && !is_given {
             notes.push(
-                "the rows of a piece have no time: the pieces are in the order in which they are named, and each is a \
-                 session of its own; with --in-order each goes on where the one before ends"
+                "the rows of a piece have no time: the pieces are in the order in which they are named, and each is \
+                 a session of its own; with --in-order each continues where the one before ends"
                     .to_owned(),
             );
         }

@@ -19,7 +19,7 @@ pub(super) fn first_line(source: &mut impl BufRead) -> io::Result<Vec<u8>> {
 
 /// Whether a text that begins with this line is a recording. With a mapping it must have all columns that a recording
 /// has, since the mapping may be for columns of the same names. Without one three are enough, so that a recording that
-/// lacks a column is told so, and one of increments too.
+/// lacks a column gets a message about it, and one of increments too.
 pub(super) fn is_recording(line: &[u8], has_mapping: bool) -> bool {
     let line = line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line);
     let names: Vec<_> = line.split(|byte| b",;\t \"\r\n".contains(byte)).filter(|name| !name.is_empty()).collect();

@@ -75,8 +75,8 @@ impl Pieces {
 impl Recording {
     /// Opens the pieces of a recording, named in any order; the folder of a bag of ROS stands for its files. `-` is
     /// stdin, which must be the only piece. A piece of raw samples that names no session, and begins its sequences
-    /// anew, goes on with the piece before where its time does, and else is a session of its own. `bar` advances by the
-    /// bytes read.
+    /// anew, goes on with the piece before where its time does, and otherwise is a session of its own. `bar` advances
+    /// by the bytes read.
     ///
     /// # Errors
     /// If a piece cannot be opened, is named twice, or has an invalid beginning.
@@ -256,8 +256,8 @@ impl Recording {
         }
     }
 
-    /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. Of a part that ends before
-    /// the recording does, the rest is passed over. To be called after the last row.
+    /// The pieces that did not go on with this recording, of [`Pieces::first_recording`]. If a part ends before the
+    /// recording does, its rest is passed over. To be called after the last row.
     pub fn others(&mut self) -> Option<Pieces> {
         while self.ended
             && let Some(row) = self.rest()
@@ -443,7 +443,7 @@ impl Samples {
         self.0.set_lag(lag_ns);
     }
 
-    /// When the recorder received the last sample, Unix time \[ns\]; `None` where the recording does not tell.
+    /// When the recorder received the last sample, Unix time \[ns\]; `None` where the recording does not show it.
     #[must_use]
     pub fn recorded_ns(&self) -> Option<u64> {
         self.0.current.source.recorded_ns()

@@ -58,7 +58,7 @@ pub(crate) enum RecordsError {
 }
 
 impl RecordsError {
-    /// The error of a reader: `invalid` tells where the file is not valid.
+    /// The error of a reader: `invalid` names where the file is not valid.
     pub(crate) fn located(self, invalid: impl FnOnce(String) -> RecordingError) -> RecordingError {
         match self {
             Self::Io(error) => error.into(),
@@ -84,7 +84,7 @@ enum McapEvent {
 }
 
 impl Records {
-    /// Reads from `source` what is not of unwanted channels alone.
+    /// Reads from `source` what is not only of unwanted channels.
     pub(crate) fn without(source: Box<dyn Read>, unwanted: ChannelFilter) -> Self {
         let options = options().with_validate_data_section_crc(true);
         Self {

@@ -110,8 +110,8 @@ impl CsvHeader {
                 _ => {}
             }
         }
-        let message = "the first line does not name the columns of a recording, and without checks the rows do not show \
-                       them; write it anew";
+        let message = "the first line does not name the columns of a recording, and without checks the rows do not \
+                       show them; write it again";
         whole.ok_or_else(|| RepairError::Nothing(message.to_owned()))
     }
 
@@ -163,7 +163,7 @@ impl<'a> CsvRepair<'a> {
         let mut account = Account::default();
         let stream = account.stream(header.stream.name(), keys);
         if header.is_renewed {
-            account.hole("line", 1, "the header is damaged, and is written anew", None);
+            account.hole("line", 1, "the header is damaged, and is written again", None);
         }
         Ok(Self { header, wanted, stream, account, sink, last: None, waiting: None })
     }

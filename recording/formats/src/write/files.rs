@@ -255,13 +255,13 @@ impl Files {
         self.each_open(OpenFile::flush)
     }
 
-    /// Removes the oldest files, if that is wanted, until what is not written fits beside what stays free.
+    /// Removes the oldest files, if that is wanted, until what is not written fits into the rest.
     fn make_room(&mut self) -> Result<(), FileError> {
         let Some(keep_free) = self.rotation.keep_free else { return Ok(()) };
         let path = self.open.first().map_or_else(|| self.unnumbered(), |file| file.path.clone());
         let rows = self.unwritten.iter().sum();
         let needed = self.open.iter().map(|file| file.needs(rows)).fold(keep_free, u64::saturating_add);
-        // A file system that does not tell shows when it is written to.
+        // A file system that does not report it shows it when it is written to.
         while self.storage.free_beside(&path).is_some_and(|free| free < needed) {
             if !self.rotation.delete_oldest || !self.remove_oldest() {
                 let cause = format!("fewer than {keep_free} bytes would stay free");
@@ -431,7 +431,7 @@ mod tests {
     use std::fs;
 
     /// Row groups of a row instead of 65 536: a hundred of them are two hours at 1 kHz. The footer may have a sixteenth
-    /// of what it may have else.
+    /// of what it may have otherwise.
     #[test]
     fn a_long_recording_in_parquet_goes_on_in_the_next_file() {
         let folder = tempfile::tempdir().unwrap();

@@ -242,7 +242,7 @@ mod tests {
                 assert_eq!(fs::metadata(&path).unwrap().len(), file.size());
             }
             drop(file);
-            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left next to it");
         }
     }
 }

@@ -8,7 +8,7 @@ use isotherm_support::failure::shown;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// A full disk is told so often at most.
+/// A full disk is reported this often at most.
 const TOLD: Duration = Duration::from_secs(60);
 
 /// The files of a recording. While the disk is full they wait for room, and say so; nothing that was given is lost
@@ -16,7 +16,7 @@ const TOLD: Duration = Duration::from_secs(60);
 pub struct PatientFiles {
     imus: Vec<ImuId>,
     files: Vec<Files>,
-    /// The disk is full, and this has been told or not.
+    /// The disk is full, and this has been reported or not.
     stalled: Option<bool>,
     told: Option<Duration>,
     tell: Box<dyn Fn(String)>,
@@ -62,7 +62,8 @@ impl PatientFiles {
                 self.names.extend(next);
             }
             Ok(Some(MoreColumns::LeftOut)) => (self.tell)(format!(
-                "warning: {imu} now has more columns than the header on stdout; they are left out until the recorder is started anew"
+                "warning: {imu} now has more columns than the header on stdout; they are left out until the recorder \
+                 is restarted"
             )),
             Err(error) => {
                 self.waiting = Some(row);
@@ -101,7 +102,7 @@ impl PatientFiles {
             self.stalled = None;
         }
         if stalled == Some(true) {
-            (self.tell)("there is room again, recording goes on".to_owned());
+            (self.tell)("there is room again, recording continues".to_owned());
         }
         Ok(())
     }

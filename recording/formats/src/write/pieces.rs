@@ -17,12 +17,12 @@ use std::collections::BTreeSet;
 use std::io::{self, Read as _, SeekFrom};
 use std::path::Path;
 
-/// The begin of a file that tells whose it is \[bytes\]: the header of CSV with all columns is shorter.
+/// The beginning of a file that shows whose it is \[bytes\]: the header of CSV with all columns is shorter.
 const BEGIN: u64 = 1 << 13;
 /// The longest footer that is looked at \[bytes\].
 const MOST_FOOTER: u64 = 1 << 26;
 
-/// The numbers of the files beside `path` whose names are `path` with a number, `-0001` or higher, before the ending.
+/// The numbers of the files next to `path` whose names are `path` with a number, `-0001` or higher, before the ending.
 /// What stands between number and ending is not looked at.
 pub(super) fn numbers(storage: &dyn Storage, path: &Path) -> BTreeSet<u32> {
     let Some(stem) = path.file_stem() else { return BTreeSet::new() };
@@ -42,7 +42,7 @@ pub(super) fn is_own(storage: &dyn Storage, path: &Path) -> bool {
     storage.is_own(path, is_of_recorder)
 }
 
-/// Whether a file begins as the recorder's do; of Parquet, whose begin tells nothing, the end is looked at.
+/// Whether a file begins as the recorder's do; of Parquet, whose beginning shows nothing, the end is looked at.
 fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
     let mut begin = Vec::new();
     (&mut *file).take(BEGIN).read_to_end(&mut begin)?;

@@ -14,7 +14,7 @@ use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
 
-/// The rows of a real file, and all that is told.
+/// The rows of a real file, and all that is reported.
 fn file(name: &str) -> (Vec<RawSample>, Vec<String>) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/autopilots").join(name);
     let mut conversion = Conversion::open(&source(&path), None, &Settings::default()).unwrap();
@@ -99,7 +99,7 @@ fn a_real_dataflash_log_has_the_rows_of_the_ulog() {
 #[test]
 fn gyroscopes_are_the_means_of_their_rows_since_the_row_before() {
     let mut log = Ulog::new();
-    // Rates of 1 .. 6, one each 10 ms; rows of the accelerometers at 15, 30, 60, 65, 70 ms, the last two without one.
+    // Rates of 1 to 6, one each 10 ms; rows of the accelerometers at 15, 30, 60, 65, 70 ms, the last two without one.
     let times: [(u64, bool); 11] = [
         (10, false),
         (15, true),
@@ -171,7 +171,7 @@ fn several_imus_are_listed_and_one_is_chosen() {
     let (exit, message) = refused(&log.bytes, "ulg", &chosen(2));
     assert!(exit == Exit::Usage && message.contains("no IMU 2"), "{message}");
     let (exit, message) = refused(b"t,x\n", "csv", &chosen(0));
-    assert!(exit == Exit::Usage && message.contains("this is no log of an autopilot"), "{message}");
+    assert!(exit == Exit::Usage && message.contains("this is not a log of an autopilot"), "{message}");
 
     let mut log = Dataflash::new();
     log.parameter("INS_ACC_ID", 2_753_028.0).parameter("INS_ACC2_ID", 3_080_202.0);
@@ -224,7 +224,7 @@ fn other_messages_are_passed_over_and_dropouts_told() {
     assert!(told.contains("2 messages of unknown types are left out"), "{told}");
     assert!(told.contains("the logger dropped data 1 times, for 0.5 s in all, first at byte"), "{told}");
     assert!(told.contains("1 gaps, 50 rows missing by the time"), "{told}");
-    assert!(!told.contains("no messages of the log"), "{told}");
+    assert!(!told.contains("not messages of the log"), "{told}");
 }
 
 #[test]
@@ -332,7 +332,7 @@ fn binary_and_text_of_dataflash_are_the_same() {
     assert_eq!(converted(other.as_bytes(), "log", &Settings::default()).0, text);
 }
 
-/// What a console, or a card with older data, put before the log is passed over, and told.
+/// What a console, or a card with older data, put before the log is passed over, and reported.
 #[test]
 fn what_stands_before_a_dataflash_log_is_passed_over() {
     let mut log = Dataflash::new();
@@ -345,14 +345,15 @@ fn what_stands_before_a_dataflash_log_is_passed_over() {
         let (rows, more) = converted(&[before, &log.bytes].concat(), "bin", &Settings::default());
         assert_eq!(rows, right);
         let count = before.len();
-        let damage = format!("warning [missing-rows]: {count} bytes are no messages of the log, the first is byte 0: ");
+        let damage =
+            format!("warning [missing-rows]: {count} bytes are not messages of the log, the first is byte 0: ");
         assert!(more.starts_with(&damage) && more.ends_with(&told), "{more}");
     }
     let text = format!("ArduCopter V3.2\r\n\r\nFree RAM: 1234\r\n{}", log.text);
     let (rows, more) = converted(text.as_bytes(), "log", &Settings::default());
     assert_eq!(rows, right);
     assert!(
-        more.starts_with("warning [missing-rows]: 2 lines are no messages of the log, the first is line 1"),
+        more.starts_with("warning [missing-rows]: 2 lines are not messages of the log, the first is line 1"),
         "{more}"
     );
 }
@@ -404,7 +405,7 @@ fn lines_of_json_are_a_dataflash_log() {
     lines[20] = lines[20].replace("\"T\": 2", "\"T\": NaN, \"X\": 2");
     let (rows, more) = converted(lines.join("\n").as_bytes(), "json", &second);
     assert_eq!(rows.len(), 23, "{more}");
-    assert!(more.contains("1 lines are no messages of the log, the first is line 11"), "{more}");
+    assert!(more.contains("1 lines are not messages of the log, the first is line 11"), "{more}");
     assert!(more.contains("1 rows of IMU 1 have no temperature, the first is at line 21"), "{more}");
     // A telemetry log is none of the autopilot's own.
     let temperature = "{\"meta\": {\"type\": \"SCALED_IMU2\", \"timestamp\": 1.5}, \"data\": {\"xacc\": 1}}\n";
@@ -447,7 +448,7 @@ fn rows_that_are_ill_or_of_other_units_are_told() {
     let mut log = Dataflash::new();
     log.message("TCLR", "QBBffffI", "TimeUS,I,SType,Temp,X,Y,Z,NSamp", &["1", "0", "0", "30", "0", "0", "9.5", "100"]);
     let (exit, message) = refused(&log.bytes, "bin", &Settings::default());
-    assert!(exit == Exit::Data && message.contains("no rows of IMU; rows of TCLR alone"), "{message}");
+    assert!(exit == Exit::Data && message.contains("no rows of IMU; rows of TCLR by themselves"), "{message}");
 }
 
 #[test]

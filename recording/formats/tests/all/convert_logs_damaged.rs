@@ -1,4 +1,5 @@
-//! Logs that are cut, or have wrong bytes: rows before and behind are kept, and what is lost is told with its place.
+//! Logs that are cut, or have wrong bytes: rows before and behind are kept, and what is lost is reported with its
+//! place.
 
 use crate::logs::{Dataflash, ImuRow, Ulog, convert, converted, refused};
 use isotherm_recording_formats::convert::Settings;
@@ -92,7 +93,10 @@ fn wrong_bytes_lose_the_messages_that_they_hit() {
         let (samples, told) = converted(&damaged, "ulg", &Settings::default());
         assert_eq!((samples.len(), samples.last().map(|row| row.sequence)), (40 - lost, Some(39)), "{told}");
         assert!(
-            told.contains(&format!("are no messages of the log, the first is byte {}: it is damaged", begin - row / 2)),
+            told.contains(&format!(
+                "are not messages of the log, the first is byte {}: it is damaged",
+                begin - row / 2
+            )),
             "{told}"
         );
     }
@@ -119,7 +123,10 @@ fn bytes_behind_the_last_message_are_told() {
     }
     let text = dataflash(20).text.replacen("IMU, 100000", "some words\nIMU, 100000", 1);
     let (samples, told) = converted(text.as_bytes(), "log", &Settings::default());
-    assert!(samples.len() == 20 && told.contains("1 lines are no messages of the log, the first is line 16"), "{told}");
+    assert!(
+        samples.len() == 20 && told.contains("1 lines are not messages of the log, the first is line 16"),
+        "{told}"
+    );
 }
 
 #[test]
@@ -138,7 +145,7 @@ fn appended_data_are_read_behind_a_message_that_is_cut() {
     // The message before what is cut may be damaged: it is one of sensor_gyro, and its row is left out.
     assert_eq!((samples.len(), samples[28].sequence), (29, 29));
     let place = whole - 44;
-    assert!(told.contains(&format!("51 bytes are no messages of the log, the first is byte {place}")), "{told}");
+    assert!(told.contains(&format!("51 bytes are not messages of the log, the first is byte {place}")), "{told}");
     // The same with a message that could be one.
     log.bytes[whole..whole + 2].copy_from_slice(&45_u16.to_le_bytes());
     assert_eq!(converted(&log.bytes, "ulg", &Settings::default()).0.len(), 30);
@@ -193,7 +200,7 @@ fn blocks_of_other_data_of_the_log_and_wild_times_are_left_out() {
     assert!((175..180).contains(&samples.len()) && samples.last().map(|row| row.sequence) == Some(199), "{told}");
     assert!(samples.windows(2).all(|pair| pair[0].timestamp_ns < pair[1].timestamp_ns));
     assert!(told.contains("rows of sensor_accel 0 have times that do not follow those of the other rows"), "{told}");
-    assert!(told.contains("are no messages of the log"), "{told}");
+    assert!(told.contains("are not messages of the log"), "{told}");
 
     for wild in [4_213_092_985_657_280_000, u64::MAX, 0, 5_000_000] {
         let mut log = Dataflash::new();

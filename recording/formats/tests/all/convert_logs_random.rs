@@ -1,5 +1,5 @@
 //! Random damage of logs: bytes that are overwritten, deleted or inserted, blocks of the same log, and times that are
-//! wild. What is read is right, what is lost is told, and nothing panics.
+//! wild. What is read is right, what is lost is reported, and nothing panics.
 #![allow(clippy::print_stdout, reason = "a study prints its seed and its figures")]
 
 use crate::logs::{Dataflash, ImuRow, Ulog, convert, converted};
@@ -34,7 +34,7 @@ impl Random {
     }
 }
 
-/// The seed of a night, or else the one of the normal tests.
+/// The seed of a night, otherwise the one of the normal tests.
 fn seed() -> u64 {
     let seed = env::var("ISOTHERM_SEED").ok().and_then(|seed| seed.parse().ok()).unwrap_or(1);
     println!("ISOTHERM_SEED={seed}");
@@ -133,7 +133,7 @@ fn check(whole: &[RawSample], data: &[u8], extension: &str, what: &str) -> (usiz
     let is_told = ["missing-rows", "truncated", "rows-left-out", "stalled"].iter().any(|name| told.contains(name));
     // Whole messages that end the log leave no trace.
     let is_cut = rows.windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1);
-    assert!(lost == 0 || is_told || is_cut, "{what}: {lost} rows are lost, and nothing is told: {told}");
+    assert!(lost == 0 || is_told || is_cut, "{what}: {lost} rows are lost, and nothing is reported: {told}");
     (wrong, lost)
 }
 

@@ -221,7 +221,7 @@ fn what_cannot_be_converted_is_refused_with_the_topics_found() {
     assert!(refused(bag).contains("message 1: linear_acceleration.z is NaN"));
 }
 
-/// A placeholder is told loudly.
+/// A placeholder is reported loudly.
 #[test]
 fn without_a_temperature_there_is_a_placeholder_and_a_warning() {
     let mut bag = Bag::new();

@@ -63,7 +63,7 @@ fn check(sample: &RawSample, row: usize) {
     assert_eq!(a.head_temperature, [temperature.parse::<f64>().unwrap(); 3]);
 }
 
-/// Fails unless these rows come out, and nothing is told but these.
+/// Fails unless these rows come out, and only these are reported.
 fn all(text: &str, mapping: &str, count: usize, told: &[&str]) {
     let (samples, found) = convert(text.as_bytes(), mapping).unwrap_or_else(|error| panic!("{error}\n{text}"));
     assert_eq!(samples.len(), count, "{text}");
@@ -215,7 +215,7 @@ fn lines_between_the_rows_that_are_none_are_passed_over() {
     let head = "IMU online\nt,ax,ay,az,temp\ns,m/s2,m/s2,m/s2,degC\n";
     let text = format!("{head}{}# paused\n\n,,,,\n{}{head}{}\n,,,,\n\n", part(0, 10), part(10, 20), part(20, 30));
     let above = "the header is line 2; what stands above it is passed over, 1 lines";
-    all(&text, MAPPING, 30, &[above, "6 lines between the rows are no rows, as comments"]);
+    all(&text, MAPPING, 30, &[above, "6 lines between the rows are not rows, as comments"]);
 }
 
 #[test]
@@ -247,8 +247,8 @@ fn a_few_spoilt_rows_are_left_out_and_counted_by_kind() {
     assert_eq!(
         refused(&lines.join(&b'\n'), MAPPING),
         "in:4: 2 fields, but the header has 5; is the row cut?; 7 of the 600 rows are bad (3 with another number of \
-         fields, 1 with a field that is no number, 2 with a missing value, 1 with a number over the range), and at most \
-         1 % are left out: correct the mapping if it does not fit them, else take them out of the text"
+         fields, 1 with a field that is not a number, 2 with a missing value, 1 with a number over the range), and at \
+         most 1 % are left out: correct the mapping if it does not fit them, otherwise take them out of the text"
     );
 }
 

@@ -46,7 +46,7 @@ fn convert(rows: &[Row], settings: &Settings) -> Result<(Vec<RawSample>, String)
     Ok((samples, findings.collect::<Vec<_>>().join("\n")))
 }
 
-/// Numbers and times \[us\] of the rows, and what is told.
+/// Numbers and times \[us\] of the rows, and what is reported.
 fn converted(rows: &[Row]) -> (Vec<Row>, String) {
     let (samples, told) = convert(rows, &Settings::default()).unwrap();
     let row = |sample: &RawSample| {
@@ -152,7 +152,7 @@ fn repeated_rows_are_left_out_whatever_their_share() {
 fn a_row_whose_place_is_not_known_is_left_out() {
     let mut rows = rows(1500);
     rows[800].1 = 0;
-    // A row beside it was lost.
+    // A row next to it was lost.
     rows.remove(801);
     let (found, told) = converted(&rows);
     assert_eq!(found, [&rows[..800], &rows[801..]].concat(), "{told}");
@@ -184,7 +184,9 @@ fn rows_of_which_over_one_in_a_hundred_has_a_bad_stamp_are_refused_with_a_remedy
     assert!(exit == Exit::Usage && message.contains("give --interval S, or time.interval_s"), "{message}");
     let (samples, told) = convert(&of_90, &Settings { interval_ns: Some(2_403_846), ..rate }).unwrap();
     assert!((1..).zip(&samples).all(|(row, sample)| sample.timestamp_ns == row * 2_403_846) && samples.len() == 1500);
-    assert!(told.starts_with("warning [stamps]: the rows are one interval apart") && told.contains("cannot be told"));
+    assert!(
+        told.starts_with("warning [stamps]: the rows are one interval apart") && told.contains("cannot be detected")
+    );
     let (exit, message) = convert(&truth, &Settings { time: TimeSource::Log, ..Settings::default() }).unwrap_err();
     assert!(
         exit == Exit::Usage && message.contains("--time log takes") && message.contains("no MCAP")
@@ -307,7 +309,7 @@ fn bad_stamps_of_a_bag_are_fixed_with_the_temperature_of_their_time() {
     assert!(stamps.contains("the first is message 123, "), "{stamps}");
 }
 
-/// Stamps that are repeated, with the step behind them as long as two, tell the time of each row.
+/// Stamps that are repeated, with the step behind them as long as two, show the time of each row.
 #[test]
 fn many_repeated_stamps_do_no_harm_where_the_steps_have_the_places_of_their_rows() {
     let mut bag = Bag::new();

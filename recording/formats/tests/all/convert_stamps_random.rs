@@ -70,7 +70,7 @@ fn series(random: &mut Random) -> Series {
         // The last rows have nothing behind them that would show that they are ahead.
         let at = 3 + random.below(rows.len() - 20);
         let far = (period * 1.5 * libm::pow(10_f64, 6.0 * random.part())) as u64;
-        // A row with two faults at once, or whose stamp another one took, has no place that a reader could tell.
+        // A row with two faults at once, or whose stamp another one took, has no place that a reader could name.
         let is_used = |(number, _): &Row| used.contains(number) || kind == 4 && bad.contains(number);
         if kind < 5 && rows[at - 1..at + 5].iter().any(is_used) {
             continue;
@@ -131,7 +131,7 @@ fn series(random: &mut Random) -> Series {
 fn convert(rows: &[Row]) -> Result<(Vec<RawSample>, String), String> {
     let mut text = "t,x,y,z\n".to_owned();
     for (number, stamp) in rows {
-        // The number tells the row, and rows with bad stamps from the rows beside them.
+        // The number identifies the row, and rows with bad stamps from the rows next to them.
         writeln!(text, "{stamp},{number},{},7", number * 7919 % 1000).unwrap();
     }
     let mapping = Some((Path::new("m.toml"), MAPPING));

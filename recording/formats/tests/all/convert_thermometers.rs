@@ -1,4 +1,4 @@
-//! Temperatures that logs of autopilots do not have: for the gyroscopes alone, for some rows, under another name.
+//! Temperatures that logs of autopilots do not have: only for the gyroscopes, for some rows, under another name.
 
 use crate::logs::{Dataflash, IMU_FORMAT, IMU_NAMES, Ulog, convert, converted, refused};
 use isotherm_autopilot::logs::GyroscopeTemperature;

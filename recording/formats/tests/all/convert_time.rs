@@ -125,7 +125,7 @@ fn what_is_no_text_is_named() {
     let utf_16: Vec<_> = "t,x,y,z\n1,2,3,4\n".bytes().flat_map(|byte| [byte, 0]).collect();
     for (data, message) in [
         (&b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n"[..], "has no temperatures"),
-        (b"t,x,y,z\r1,2,3,4\r2,2,3,4\r", "a carriage return alone; make line feeds of them: tr"),
+        (b"t,x,y,z\r1,2,3,4\r2,2,3,4\r", "only a carriage return; make line feeds of them: tr"),
         (b"t,x\x02y,z\n", "not text: byte 0x02 at 3; a binary format"),
         (&utf_16, "a text in UTF-16; save it as UTF-8: iconv"),
     ] {

@@ -83,7 +83,7 @@ fn a_dataflash_log_says_when_it_was_armed_and_flew() {
         (300, "EV", &["11"]),
     ]);
     assert_eq!(state, VehicleState { armed: ranges([100..300]), flying: ranges([140..200]) });
-    // A log that begins when the vehicle is armed already has the end of it alone.
+    // A log that begins when the vehicle is armed already has only the end of it.
     assert_eq!(dataflash(&[(300, "EV", &["11"])]).armed, ranges([0..300]));
     let ended = dataflash(&[(100, "ARM", &["1", "0", "0", "2"]), (500, "ARM", &["0", "0", "0", "2"])]);
     assert_eq!(ended.armed, ranges([100..500]));

@@ -111,7 +111,7 @@ fn what_a_pulse_is_must_be_known_and_the_same_in_all_pieces() {
     assert_eq!((found.interval_ns, found.resolution.accelerometer, found.range), (10_000_000, 1e-5, [21.0, 33.0]));
     assert!(!found.has_gyroscopes && found.max_specific_force.is_none());
     let notes = recording.notes();
-    let apart = "is a session of its own: it does not go on from";
+    let apart = "is a session of its own: it does not continue";
     assert!(
         notes.len() == 1
             && notes[0].contains(apart)

@@ -353,7 +353,7 @@ fn a_megabyte_of_the_worst_files() {
     check(1 << 20);
 }
 
-/// A bag of which every other chunk has messages of a camera alone.
+/// A bag of which every other chunk has only messages of a camera.
 fn with_camera() -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(100)).library("x").profile("ros2");
     let options = options.calculate_data_section_crc(false);

@@ -193,7 +193,7 @@ fn a_hole_of_the_gyroscopes_is_a_gap_and_a_single_lost_reading_is_none() {
     let gaps: Vec<_> = rows.windows(2).filter(|pair| pair[1].sequence != pair[0].sequence + 1).collect();
     assert!(gaps.len() == 1 && gaps[0][1].sequence - gaps[0][0].sequence == 101, "{gaps:?}");
     let told = told(&conversion);
-    assert!(told.contains("3 rows of the accelerometers have no reading of the gyroscopes beside them"), "{told}");
+    assert!(told.contains("3 rows of the accelerometers have no reading of the gyroscopes next to them"), "{told}");
     assert!(told.contains("100 rows of the accelerometers have no reading of the gyroscopes, nor do"), "{told}");
     assert!(told.contains("100 rows missing by the time"), "{told}");
     // Where the rows have the hole, the readings in it are left out.
@@ -217,7 +217,7 @@ fn topics_are_joined_where_two_have_one_kind_each_or_are_named() {
     let (rows, _) = converted(&both, &Settings::default()).unwrap();
     assert_eq!(converted(&both, &named(Some(ACCEL), Some(&GYRO[1..]))).unwrap().0, rows);
     assert_eq!(converted(&both, &named(None, Some(GYRO))).unwrap().0, rows);
-    // One topic alone is read as it was.
+    // A single topic is read as it was.
     let (alone, _) = converted(&both, &named(Some(ACCEL), None)).unwrap();
     assert!(alone.len() == 200 && alone[0].gyroscopes.positive_pulses == [0; 3] && !alone[0].gyroscopes.is_absent());
     // Three topics are a choice, which the message names.

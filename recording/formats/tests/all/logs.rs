@@ -172,7 +172,7 @@ fn binary(letter: u8, value: &str) -> Vec<u8> {
     }
 }
 
-/// The rows of a log, and in lines all that is told.
+/// The rows of a log, and in lines all that is reported.
 pub(crate) fn convert(data: &[u8], extension: &str, settings: &Settings) -> Result<(Vec<RawSample>, String), Failure> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("log").with_extension(extension);

@@ -77,7 +77,7 @@ struct Kind {
     names: [&'static str; 6],
     acceleration: (&'static str, f64),
     rate: (&'static str, f64),
-    /// Whether the first column alone says the unit.
+    /// Whether only the first column says the unit.
     first_alone: bool,
     thermal: Option<(&'static str, f64, f64)>,
     time: (&'static str, f64),

@@ -16,7 +16,7 @@ const DEGREE: f64 = std::f64::consts::PI / 180.0;
 const FORCE: [f64; 3] = [0.213, -0.117, 9.791];
 const RATES: [f64; 3] = [0.0117, -0.0231, 0.0319];
 
-/// Samples, scale and what is told.
+/// Samples, scale and what is reported.
 struct Told {
     samples: Vec<RawSample>,
     scale: Result<Scale, String>,
@@ -79,7 +79,7 @@ fn euroc_and_kalibr_are_read_as_they_are() {
         assert!(told.notes.contains("in m/s2; G1, G2, G3 are ") && told.notes.contains("in rad/s"), "{}", told.notes);
         assert!(told.findings.contains("[no-temperature]"), "{}", told.findings);
     }
-    // Other columns beside them are another layout.
+    // Other columns next to them are another layout.
     let other = format!("{kalibr},qx");
     let other = text(&other, |ns| format!("{ns},{},{},1", joined(RATES, 1.0, 9), joined(FORCE, 1.0, 9)));
     assert_eq!(convert_named("in.csv", &other).err().unwrap().exit, Exit::Usage);
@@ -127,7 +127,7 @@ fn the_topics_of_one_kind_of_sensors_are_told_apart() {
     for (name, text) in [("in.csv", text(header, row(RATES))), ("log_sensor_gyro_0.csv", accelerations)] {
         let refused = convert_named(name, &text).err().unwrap();
         assert_eq!(refused.exit, Exit::Data, "{refused}");
-        assert!(refused.message.contains("it has rates alone; give the file of the accelerometers"), "{refused}");
+        assert!(refused.message.contains("it has only rates; give the file of the accelerometers"), "{refused}");
         assert!(refused.message.contains("--gyroscope-file"), "{refused}");
     }
 }

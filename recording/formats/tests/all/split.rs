@@ -65,7 +65,7 @@ fn the_pieces_of_a_bag_are_the_whole_bag_in_any_order_and_as_a_folder() {
         let (rows, recording) = read(&named, Foreign::default()).unwrap();
         assert!(rows == whole, "{order:?}");
         let notes = recording.notes();
-        assert!(notes[0].contains("drive_11.mcap: 3 pieces are joined, since the time goes on"), "{notes:?}");
+        assert!(notes[0].contains("drive_11.mcap: 3 pieces are joined, since the time continues"), "{notes:?}");
         assert_eq!(
             notes.iter().filter(|note| note.contains("the nominal interval is 0.005 s")).count(),
             1,
@@ -146,17 +146,17 @@ fn texts_without_a_time_are_joined_where_the_user_says_so() {
     let paths = [files.write("b.csv", text(0..100, 0.01)), files.write("a.csv", text(100..150, 0.01))];
     let (rows, recording) = read(&paths, foreign(Some(&mapping))).unwrap();
     assert_eq!(stretches(&rows), [(0, 0), (2, 0)]);
-    assert!(recording.notes()[0].contains("with --in-order each goes on where the one before ends"));
+    assert!(recording.notes()[0].contains("with --in-order each continues where the one before ends"));
     let settings = Settings { in_order: true, ..Settings::default() };
     let (rows, recording) = read(&paths, Foreign { settings: settings.clone(), ..foreign(Some(&mapping)) }).unwrap();
     assert_eq!((stretches(&rows).len(), rows.len(), rows[149].timestamp_ns), (1, 150, 1_500_000_000));
-    assert!(recording.notes()[0].contains("in the order in which they are named: no clock tells theirs"));
-    // Times that do not overlap tell the order, and the option says that it does nothing.
+    assert!(recording.notes()[0].contains("in the order in which they are named: no clock shows theirs"));
+    // Times that do not overlap show the order, and the option says that it does nothing.
     let paths = [files.write("d.csv", text(100..150, 0.01)), files.write("c.csv", text(0..100, 0.01))];
     let (rows, recording) = read(&paths, Foreign { settings: settings.clone(), ..foreign(Some(MAPPING)) }).unwrap();
     assert_eq!(stretches(&rows).len(), 1);
     assert!(recording.notes()[0].contains("--in-order has no effect: the times of the pieces do not overlap"));
-    // Clocks that begin anew tell none: the later one is named first.
+    // Clocks that start again show none: the later one is named first.
     let early = text(0..100, 0.01).replace(",0.1,", ",0.2,").replace("\n3.30", "\n3.29");
     let paths = [files.write("f.csv", text(0..90, 0.01)), files.write("e.csv", early)];
     let first = |settings: Settings| {

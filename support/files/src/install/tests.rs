@@ -122,7 +122,7 @@ fn what_is_no_regular_file_is_refused_and_nothing_is_changed() {
         symlink("imu-a.toml", folder.path(name)).unwrap();
         let failure = Installation::lock(&folder.path("imu-a.toml")).err().unwrap();
         assert!(
-            failure.exit == Exit::Io && failure.message.contains(&format!("{name} is no regular file")),
+            failure.exit == Exit::Io && failure.message.contains(&format!("{name} is not a regular file")),
             "{failure}"
         );
         assert_eq!(fs::read_to_string(folder.path("imu-a.toml")).unwrap(), "one");

@@ -1,4 +1,4 @@
-//! Places of files where one program alone has them: nobody else can have put anything there.
+//! Places of files where only one program has them: nobody else can have put anything there.
 
 use std::fs::{self, File};
 use std::io;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// How the names of files begin that are not complete, or no longer needed.
 const HIDDEN: &str = ".isotherm-";
 
-/// The name beside `path` of what is not complete, or no longer needed.
+/// The name next to `path` of what is not complete, or no longer needed.
 fn hidden(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(format!("{HIDDEN}{what}-"));
     name.push(path.file_name().unwrap_or_default());

@@ -3,7 +3,7 @@
 //!
 //! Every refusal must name a line and a reason. Accepted input must pass through the checks and through calibration by
 //! both methods without a panic and within the limits of time and memory. A resulting table that is written and read
-//! again must be the same table. If the campaign has ramps alone, the samples are those of one ramp.
+//! again must be the same table. If the campaign has only ramps, the samples are those of one ramp.
 
 use crate::check_faults;
 use isotherm_campaign::{Campaign, Dwell, read_dwells};
@@ -73,7 +73,7 @@ fn both_methods(campaign: &Campaign, dwells: &[Dwell]) {
     }
 }
 
-/// Ramps alone need the table of this very IMU: the example's, as if it were the campaign's.
+/// Campaigns with only ramps need the table of this very IMU: the example's, as if it were the campaign's.
 fn ramps_alone(campaign: &Campaign, samples: &[u8]) {
     let Ok(recording) = RampRecording::from_csv("ramp.csv", samples) else { return };
     let example = CoefficientTable::from_toml(TABLE, None).expect("a valid table").content().clone();

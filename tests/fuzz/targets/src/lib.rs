@@ -167,7 +167,7 @@ fn within_budget<T>(length: usize, read: impl FnOnce() -> T) -> T {
     read
 }
 
-/// A file in memory, and a path that opens it: for what reads files alone.
+/// A file in memory, and a path that opens it: for what reads only files.
 fn memory_file() -> (File, PathBuf) {
     let file = File::from(memfd_create("input", MemfdFlags::empty()).expect("a file in memory"));
     let path = format!("/proc/self/fd/{}", file.as_raw_fd());

@@ -28,7 +28,7 @@ impl Vn100 {
         divisor(&self.binary).is_some()
     }
 
-    /// What it sends with each sample beside them.
+    /// What it sends with each sample in addition to them.
     pub(in crate::emulator) fn beside(&self) -> Vec<u8> {
         if self.ascii == "0" { Vec::new() } else { sealed("VNYMR,+010.071,+000.278,-002.026,-01.034") }
     }

@@ -117,7 +117,7 @@ fn a_signal_ends_it_while_the_line_babbles_or_is_silent() {
                 ended.store(true, Ordering::Relaxed);
                 tally
             });
-            // Without a service nothing tells when all has been read.
+            // Without a service nothing shows when all has been read.
             let [samples] = counts(&tally, ["samples"]);
             let sent = if service.is_some() { FRAMES } else { 0 };
             assert!(samples == FRAMES || service.is_none() && samples > 0, "{line:?}, {record}: {tally}");

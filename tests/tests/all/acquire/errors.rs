@@ -34,13 +34,13 @@ fn what_is_no_device_is_refused() {
     acquire_refused(&domain, &[], 74, &[&[opening.as_str()], &is_absent[..]].concat());
     acquire_refused(&domain, &["--dry-run"], 74, &is_absent);
     fs::create_dir(&line).unwrap();
-    acquire_refused(&domain, &[], 74, &[&opening, "Is a directory", "it is no serial line; give a device"]);
+    acquire_refused(&domain, &[], 74, &[&opening, "Is a directory", "it is not a serial line; give a device"]);
     fs::remove_dir(&line).unwrap();
     fs::write(&line, "text").unwrap();
-    acquire_refused(&domain, &[], 74, &[&opening, "not a terminal device", "it is no serial line; give a device"]);
+    acquire_refused(&domain, &[], 74, &[&opening, "not a terminal device", "it is not a serial line; give a device"]);
     assert_eq!(fs::read_to_string(&line).unwrap(), "text");
     // The same of a device on the command line, and of a file of bytes that is not there.
-    acquire_refused(&domain, &["--device", "/dev/null"], 74, &["opening /dev/null", "it is no serial line"]);
+    acquire_refused(&domain, &["--device", "/dev/null"], 74, &["opening /dev/null", "it is not a serial line"]);
     let serial = format!("serial = \"{named}\"\nbaud = 921600");
     describe(&domain, Emulator::Vn100, &[(serial.as_str(), "file = \"absent.bin\"")]);
     acquire_refused(&domain, &[], 74, &["opening absent.bin", "No such file", "give a file of bytes"]);
@@ -144,7 +144,7 @@ fn a_wrong_description_is_refused_with_all_faults_at_once() {
     acquire_refused(&domain, &["--rows", "3"], 64, &["--dry-run"]);
     refused(&domain, domain.isotherm(&["acquire", "absent.toml"]), 74, &["absent.toml", "No such file"]);
     refused(&domain, domain.isotherm(&["acquire"]), 64, &["SOURCE.toml"]);
-    // A record that exists is not replaced, and its name tells its format.
+    // A record that exists is not replaced, and its name determines its format.
     domain.write("source.toml", &text);
     domain.write("there.csv", "mine");
     acquire_refused(&domain, &["--record", "there.csv"], 74, &["there.csv"]);

@@ -10,7 +10,7 @@ use std::io::{Write as _, pipe};
 use std::net::{SocketAddr, TcpListener, UdpSocket};
 use std::time::{Duration, Instant};
 
-/// Frames of a VN-100, whose clock tells the periods: they may come in any rhythm within half a second.
+/// Frames of a VN-100, whose clock counts the periods: they may come in any rhythm within half a second.
 fn frames(numbers: std::ops::Range<u64>) -> Vec<Vec<u8>> {
     numbers.map(|number| Emulator::Vn100.frame(number)).collect()
 }

@@ -7,7 +7,7 @@ use std::thread;
 
 #[test]
 fn rows_of_each_profile_are_what_its_device_sends() {
-    // Beside each other, since they wait for their devices.
+    // At the same time, since they wait for their devices.
     let check = |emulator: Emulator| {
         let domain = TestDomain::new();
         let (rate, changes) = rate(emulator);

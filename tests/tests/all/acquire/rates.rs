@@ -95,7 +95,7 @@ fn counts_at_another_rate_are_invalid() {
     let is_invalid = |raw: &RawSample| raw.accelerometers.head_temperature[0].is_nan();
     let valid = all.iter().filter(|raw| !is_invalid(raw)).count() as u64;
     assert_eq!((valid + invalid, all.len() as u64), (all.len() as u64, counts(&tally, ["samples"])[0]));
-    // Of those after the change at most what is seen within 20 frames or 0.1 s.
+    // After the change, at most what is seen within 20 frames or 0.1 s.
     assert!(valid <= CHANGE + 21 && all.iter().rev().take(100).all(is_invalid), "{valid} of {}", all.len());
     service.terminate();
 }
@@ -115,7 +115,7 @@ fn a_restart_in_flight_ends_by_a_signal_alone() {
     device.unplug(&domain);
     let acquire = Acquire::start(&domain, "second", &record);
     acquire.process.wait_for_log("this IMU has sent before, so it is waited for");
-    acquire.process.wait_for_log("has rows of before: the recording goes on in a numbered file");
+    acquire.process.wait_for_log("has rows of before: the recording continues in a numbered file");
     let orders = ["--frames", ENDLESS, "--change-rate", "0:100"];
     let device = Device::start(&domain, Emulator::Vn100, &orders);
     acquire.process.wait_for_log("is back");

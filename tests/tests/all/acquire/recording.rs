@@ -109,7 +109,7 @@ fn a_full_disk_costs_no_row_that_is_not_counted() {
         acquire.wait_for_log("what is written stays, the rest waits for room");
         let full = length();
         disk.make_room();
-        acquire.wait_for_log("there is room again, recording goes on");
+        acquire.wait_for_log("there is room again, recording continues");
         wait_until("more rows", || length() > full);
         disk.fill_but(0);
         let before = length();

@@ -236,7 +236,7 @@ fn kill_at(place: &Place) -> Outcome {
 }
 
 /// Kills at the place with this index. Another run may not come so far, as it looks less often at the same files. Then
-/// it kills at the first such call, or else at one of the next places.
+/// it kills at the first such call, otherwise at one of the next places.
 fn kill_near(places: &[Place], index: usize) -> Outcome {
     let first = Place { number: 1, ..places[index].clone() };
     let next = (1..=2).map(|step| places[(index + step) % places.len()].clone());

@@ -1,5 +1,5 @@
-//! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what they would have
-//! alone.
+//! Campaigns of several IMUs on one turntable: one that fails is dropped, and the others have what each would have by
+//! itself.
 
 use isotherm_automation::journal::{Entry, Journal, KeptStep};
 use isotherm_automation::plan::Plan;
@@ -16,7 +16,7 @@ use std::path::Path;
 const DWELLS: usize = 4 * 12;
 
 /// Asserts that `table-{imu}.toml` of the campaign's folder is, to the byte, what `calibrate` makes of the same samples
-/// and a campaign file of this IMU alone. The time and the digest of the campaign file are left out: it is another file
+/// and a campaign file of only this IMU. The time and the digest of the campaign file are left out: it is another file
 /// at another time.
 fn assert_as_alone(domain: &TestDomain, folder: &str, imu: &str) {
     let campaign = fs::read_to_string(domain.path(folder).join("campaign.toml")).unwrap();
@@ -51,7 +51,7 @@ fn journalled(laboratory: &TestLaboratory, file: &str) -> usize {
 
 #[test]
 fn one_of_three_stops_sending_and_the_others_have_their_tables() {
-    // 30 s of real time. Of three set points F has one degree of freedom, and may find a slope not significant.
+    // 30 s of real time. With three set points F has one degree of freedom, and may find a slope not significant.
     let patience = ("stream_s = 30000", "stream_s = 14000");
     let changes = [("list_c = [20, 23]", "list_c = [14, 18, 22, 26]"), patience];
     let laboratory = TestLaboratory::with_imus(&["imu-a", "imu-b", "imu-c"], "", &[], &changes);
@@ -134,7 +134,7 @@ fn one_of_three_stops_sending_and_the_others_have_their_tables() {
 }
 
 /// A complete campaign of imu-b and imu-a from simulated samples: no instrument is needed. If `drops_b`, imu-b has its
-/// dwells and not the verification run, and is dropped; else there is no run.
+/// dwells and not the verification run, and is dropped; otherwise there is no run.
 fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
     let domain = TestDomain::new();
     let plan = include_str!("../../../../examples/plan.toml")

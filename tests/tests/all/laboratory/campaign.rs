@@ -188,11 +188,11 @@ fn the_axes_of_the_table_in_force_are_kept(laboratory: &TestLaboratory, good: &C
     // A predecessor cannot be kept where a folder has its name.
     fs::create_dir(domain.path("imu-a.toml.previous")).unwrap();
     let said = laboratory.calibrate(&["--alignment", "--require", "10"], 74);
-    assert_has(&said, &["imu-a.toml.previous is no regular file; move it away", "nothing is installed"]);
+    assert_has(&said, &["imu-a.toml.previous is not a regular file; move it away", "nothing is installed"]);
     assert_eq!(fs::read_to_string(domain.path("imu-a.toml")).unwrap(), plain.to_toml());
     assert_has(
         &laboratory.status(),
-        &["verify-2.csv, at 50/310 deg: largest error ", "not installed, ", "no regular file"],
+        &["verify-2.csv, at 50/310 deg: largest error ", "not installed, ", "not a regular file"],
     );
     fs::remove_dir(domain.path("imu-a.toml.previous")).unwrap();
 }

@@ -221,7 +221,7 @@ fn runs_at_opposite_attitudes_judge_every_channel_of_a_good_table() {
     assert!(text(&refused.stderr).contains("verify.2: was "), "{}", text(&refused.stderr));
 }
 
-/// Without a table in force there is nothing to compare with: what is not judged is told.
+/// Without a table in force there is nothing to compare with: what is not judged is reported.
 #[test]
 fn what_no_run_judges_is_told() {
     let complete = Complete::new(ToOwned::to_owned, ONE, WHOLE);
@@ -248,7 +248,7 @@ fn runs_over_a_part_of_the_range_install_nothing_unless_that_is_accepted() {
     assert!(wide.status().contains("\nnot judged: no run is in 3."));
 }
 
-/// Who has edited the campaign file learns that the plan's counts.
+/// A user who has edited the campaign file learns that the plan's counts.
 #[test]
 fn an_edited_campaign_file_is_not_rewritten_in_silence() {
     let complete = Complete::new(ToOwned::to_owned, OPPOSITE, WHOLE);
@@ -259,7 +259,7 @@ fn an_edited_campaign_file_is_not_rewritten_in_silence() {
     assert!(planned.contains("gravity_local = 9.8015 "));
     fs::write(&file, planned.replace("gravity_local = 9.8015 ", "gravity_local = 9.79 ")).unwrap();
     let said = run();
-    assert!(said.contains("campaign.toml was not what the plan gives; it is written anew from the plan"), "{said}");
+    assert!(said.contains("campaign.toml was not what the plan gives; it is written again from the plan"), "{said}");
     assert!(said.contains("was `gravity_local = 9.79 ") && said.contains("is `gravity_local = 9.8015 "), "{said}");
     assert_eq!(fs::read_to_string(&file).unwrap(), planned);
     fs::write(&file, "").unwrap();

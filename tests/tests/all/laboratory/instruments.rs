@@ -542,7 +542,7 @@ fn the_acutrol_driver_reads_replies_as_a_public_driver_does() {
     let config = turntable_config(&format!("driver = \"acutrol\"\naxes = [3, 7]\nheader = 0\n{port}")).unwrap();
     let reading = turntable(&config).read().unwrap();
     assert_eq!((reading.angles_deg, reading.rates_deg_s), ([90.0001, 180.0], [-0.005, 0.0]));
-    // Of the two angles the one with more digits shows what the controller can.
+    // The one of the two angles with more digits shows what the controller can.
     assert!((reading.resolution_deg - 1e-4).abs() < 1e-12, "{}", reading.resolution_deg);
     assert_eq!(reading.faults, ["interlock of axis 3: Fault"]);
     peer.join().unwrap();

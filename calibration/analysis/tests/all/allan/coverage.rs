@@ -68,7 +68,7 @@ fn ranges_hold_the_truth_in_90_of_100_records() {
     }
 }
 
-/// A temperature that rises all the time, and has no influence, is rarely taken for one, even beside a random walk.
+/// A temperature that rises all the time, and has no influence, is rarely taken for one, even next to a random walk.
 /// Without a test of the slope it is in 30 to 90 of 200 such records.
 #[test]
 fn temperature_without_influence_contaminates_little() {

@@ -234,7 +234,7 @@ fn too_many_lost_rows_are_said() {
     let split = of(&rows);
     let lost = split.lost().unwrap();
     let [from_s, to_s] = split.used_s;
-    let remedy = format!("take this stretch alone, with --from {from_s:.3} --to {to_s:.3}");
+    let remedy = format!("take only this stretch, with --from {from_s:.3} --to {to_s:.3}");
     assert!(lost.starts_with("gaps of over 16 rows leave a stretch of ") && lost.ends_with(&remedy), "{lost}");
     let alone = NoiseAnalysis::of(&rows, None, [from_s, to_s]).unwrap();
     assert_eq!((alone.lost(), alone.used), (None, split.used));
@@ -257,7 +257,7 @@ fn white_noise_is_white_over_all_times() {
     assert!(of_left.len() > 15 && (mean - 1.0).abs() < 0.02, "{mean}");
 }
 
-/// A knock, temperature and repeated values are seen beside gaps.
+/// A knock, temperature and repeated values are seen next to gaps.
 #[test]
 fn what_is_looked_for_is_found_beside_gaps() {
     let mut rows = white(5000);

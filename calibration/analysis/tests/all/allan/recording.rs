@@ -252,7 +252,7 @@ fn noise_smaller_than_a_count_is_a_limit_cycle() {
         assert!(sensor.findings()[0].message.contains("smaller than a step of its counts"), "{:?}", sensor.findings());
     }
     assert!(NoiseAnalysis::of(&white(0.7, 32768), None, ALL).unwrap().findings().is_empty());
-    // A sensor that never counts, beside two that do.
+    // A sensor that never counts, next to two that do.
     let mut rows = white(1.0, 4000);
     rows.iter_mut().for_each(|row| row.accelerometers.positive_pulses[2] = 7);
     let found = NoiseAnalysis::of(&rows, None, ALL).unwrap();
@@ -262,7 +262,7 @@ fn noise_smaller_than_a_count_is_a_limit_cycle() {
     assert!(text.contains("\nA3: the counts never change\n") && text.contains("\nA2 "), "{text}");
 }
 
-/// Quantisation alone, as of a phase that is read in steps while it moves: the curve falls as 1/tau throughout, and all
+/// Only quantisation, as of a phase that is read in steps while it moves: the curve falls as 1/tau throughout, and all
 /// others are below a limit.
 #[test]
 fn a_curve_that_falls_as_one_over_tau_has_no_white_noise() {

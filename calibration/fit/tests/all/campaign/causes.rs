@@ -15,7 +15,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-/// A fit takes a second; one that never ends is told from it.
+/// A fit takes a second; one that never ends differs from it.
 const WATCHDOG: Duration = Duration::from_secs(300);
 
 fn options(accept: &[&'static str]) -> CalibrationOptions {
@@ -33,7 +33,7 @@ fn claims(calibration: &Calibration) -> (Vec<&'static str>, String) {
     (calibration.findings.iter().map(|finding| finding.name).collect(), Accuracy::of(calibration).to_string())
 }
 
-/// A campaign of seven set points whose file states angles alone, and of which `stated` changes the text.
+/// A campaign of seven set points whose file states only angles, and of which `stated` changes the text.
 fn angles_only(stated: impl Fn(&mut [f64; 2], u32)) -> Result<(Vec<&'static str>, String), String> {
     let truth = paper_truth(TILT_RAD, 9.8015);
     let set_points_c = (-2..=4).map(|k| 10.0 * f64::from(k)).collect();

@@ -1,6 +1,6 @@
 //! Findings about a campaign: faults and warnings with line, set point and position.
 //!
-//! Over 400 lines: each finding has its test beside those that it is told from.
+//! Over 400 lines: each finding has its test next to those that it is distinguished from.
 
 use super::common::{calibrated, campaign_file, csv, dwells, noiseless, paper_truth as truth, quiet};
 use isotherm_campaign::{Campaign, Scheme, read_dwells};
@@ -298,7 +298,7 @@ fn faults_are_accepted_by_name_and_warnings_are_faults_on_request() {
     assert!(!names(bump, strict(&[])).0);
     // An accepted diagnosis that is one of the findings is one warning, with its name.
     assert_eq!(accepted(&short, strict(&[name::INTERVAL])), [name::INTERVAL]);
-    // A diagnosis is a fault like others: its symptoms alone cannot be accepted.
+    // A diagnosis is a fault like others: its symptoms cannot be accepted without it.
     let exchange = |rows: &mut Vec<SimulatedRow>| {
         for row in rows.iter_mut().filter(|row| [3, 9].contains(&row.position)) {
             row.position = 12 - row.position;
@@ -418,7 +418,7 @@ fn campaign_files_are_refused_with_line_and_key() {
     }
     let angle = |line: &&str| !line.starts_with("outer_deg") && !line.starts_with("inner_deg");
     let without_angles: String = good.lines().filter(angle).map(|line| format!("{line}\n")).collect();
-    // The angles alone are sufficient. A direction may be given with few digits; it is normalised.
+    // The angles are sufficient. A direction may be given with few digits; it is normalised.
     let angles = good.replace("specific_force", "# specific_force");
     assert_eq!(Campaign::from_toml(&angles).unwrap().positions, Campaign::from_toml(&good).unwrap().positions);
     let edge =

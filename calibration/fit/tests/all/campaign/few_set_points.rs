@@ -1,4 +1,4 @@
-//! The order that is chosen from few set points, beside a cubic: the error of each curve against the truth.
+//! The order that is chosen from few set points, compared with a cubic: the error of each curve against the truth.
 //!
 //! A case is a number of set points and a kind of curves. The test of every run takes few campaigns of each; two
 //! hundred are ignored.

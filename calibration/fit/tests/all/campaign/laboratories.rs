@@ -173,7 +173,7 @@ fn a_head_may_be_in_an_oven() {
         let one = calibration.findings.iter().find(|finding| finding.name == name::TEMPERATURE_DRIFT).unwrap();
         assert!(one.message.contains("(a1_head, a2_head, a3_head)") && one.message.contains("in an oven"), "{one}");
     }
-    // Not a single digit moves: nothing tells that the sensor is connected.
+    // Not a single digit moves: nothing shows that the sensor is connected.
     let mut rows = rows(&truth, &usual);
     rows.iter_mut().for_each(|row| row.raw.accelerometers.head_temperature[2] = 65.0);
     assert!(table_of("degC", &truth, &usual, rows).unwrap_err().contains("fault [temperature-constant]: a3_head"));

@@ -48,8 +48,8 @@ fn curves_have_error_bars_bands_and_temperatures() {
     assert!(html.contains("Bars: 95 % of each set point"), "what the bars are");
 }
 
-/// The first screen has what the instrument was, and what it is. Of a curve that misses the bars of its set points it
-/// says so, and no box is green; of a cubic through the set points of a cubic nothing is to be said.
+/// The first screen has what the instrument was, and what it is. If a curve misses the bars of its set points, it says
+/// so, and no box is green; of a cubic through the set points of a cubic nothing is to be said.
 #[test]
 fn a_curve_that_misses_its_set_points_has_no_green_box() {
     let set_points_c: Vec<_> = (0..8).map(|point| -25.0 + 10.0 * f64::from(point)).collect();

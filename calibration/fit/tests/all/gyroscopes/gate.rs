@@ -166,7 +166,7 @@ fn what_no_run_at_rest_shows_must_agree_with_the_table_in_force() {
         let (by, text, _) = laboratory.refused(&wrong, Some(truth), "", as_used);
         assert_eq!(by, set(["gyroscopes"]), "{words}: {text}");
         assert!(text.contains(words), "{words}: {text}");
-        // Nobody can tell without gyroscopes in force.
+        // This is not known without gyroscopes in force.
         assert_eq!(laboratory.refused(&wrong, Some(&without_gyroscopes(truth)), "", as_used).0, set([]), "{words}");
         assert_eq!(laboratory.refused(&wrong, None, "", as_used).0, set([]), "{words}");
     };
@@ -189,7 +189,7 @@ fn what_no_run_at_rest_shows_must_agree_with_the_table_in_force() {
         },
         "the g-sensitivity of G3 across the specific forces of the runs, which no run at rest shows, is 0.7",
     );
-    // Who knows better states it.
+    // A user who knows better states it.
     let wrong = laboratory.with(|table| {
         gyroscopes(table, |part| {
             part.axes[0].negative_scale_factor = times(&part.axes[0].negative_scale_factor, 1.0002);

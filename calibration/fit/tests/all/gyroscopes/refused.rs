@@ -25,7 +25,8 @@ fn turns_of_a_campaign_file_are_refused_with_line_and_key() {
         (
             "axis = [0, -1, 0]",
             "axis = [1, 0, 0]",
-            "turn.3.axis: is [1, 0, 0], which is no axis of the turntable there; give the outer axis, [0, -1, 0], or the inner one, [0, 0, 1]",
+            "turn.3.axis: is [1, 0, 0], which is not an axis of the turntable there; give the outer axis, [0, -1, \
+             0], or the inner one, [0, 0, 1]",
         ),
         ("angle_deg = 360 ", "angle_deg = 0 ", "turn.1.angle_deg: is 0"),
         ("angle_deg = 360 ", "angle_deg = 1e300 ", "turn.1.angle_deg: is 1e300, give at most 36000 degrees"),
@@ -360,8 +361,8 @@ fn what_positions_and_turns_leave_open_is_named_with_what_would_help() {
     // Three faces in one heading, with the six turns, are enough for the gyroscopes.
     let three = of(&[[0.0, 0.0], [90.0, 0.0], [90.0, 90.0]]);
     assert!(three.rank == 26 && three.condition > 10.0 * all.condition, "{three:?}");
-    // A mounting whose inner axis has the same angle to all gyroscopes: two turns drive every channel, but do not tell
-    // misalignments apart.
+    // A mounting whose inner axis has the same angle to all gyroscopes: two turns drive every channel, but do not
+    // distinguish misalignments.
     let diagonal = Unit::new_normalize(Vector3::new(1.0, 1.0, 1.0));
     let mount = *Rotation3::rotation_between(&Vector3::z(), &diagonal).unwrap().matrix();
     let axis: [f64; 3] = diagonal.into_inner().into();

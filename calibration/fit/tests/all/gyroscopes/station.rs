@@ -4,7 +4,7 @@
 //! shares nothing with the fit. The station here differs from a simulated campaign: any mounting, any axis, speed
 //! profiles that are not symmetric, a drift within a set point, wrong statements in the campaign file.
 //!
-//! Over 400 lines: campaigns and runs are of the same IMU, whose table stands beside them.
+//! Over 400 lines: campaigns and runs are of the same IMU, whose table is next to them.
 
 use isotherm_campaign::{Campaign, outer_axis};
 use isotherm_fit::{Calibration, CalibrationError, CalibrationOptions, calibrate, read_measurements};
@@ -137,7 +137,7 @@ impl Station {
     pub(crate) fn new(seed: u64) -> Self {
         let mut random = Random(seed.wrapping_mul(77).wrapping_add(5));
         let mut curve = |value: f64, change: f64| {
-            // A curve that changes by about `change` over 1.1 .. 3.9 V.
+            // A curve that changes by about `change` over 1.1 to 3.9 V.
             let [a, b, c] = [0, 1, 2].map(|_| random.between(-change, change));
             let (x, y) = (-2.5 / 1.4, 1.0 / 1.4);
             // a t + b t^2 + c t^3 with t = x + y u.

@@ -1,5 +1,5 @@
 //! What a simpler method gets wrong, each with its own data: integrated, without noise, with pulses of 0.02 arcsec. A
-//! method that falls into the trap is wrong by what stands beside it.
+//! method that falls into the trap is wrong by what is written next to it.
 
 use super::station::{Gyroscope, Station, TestTurn, head_and_board, six_turns};
 use isotherm_campaign::Scheme;
@@ -199,7 +199,7 @@ fn only_positive_turns_are_refused_by_name() {
 
 #[test]
 fn the_temperature_of_the_generator_is_that_of_the_campaign() {
-    // Guards the generator: heads and boards are apart, and cover 1.1 .. 3.9 V.
+    // Guards the generator: heads and boards are apart, and cover 1.1 to 3.9 V.
     let [head, board] = head_and_board(3, -25.0);
     assert!((head - 1.136).abs() < 1e-12 && (board - 1.224).abs() < 1e-12);
     let Gyroscope { kp, kn, .. } = Station::new(1).gyroscopes[0];

@@ -1,4 +1,5 @@
-//! Campaigns with ramps beside positions and alone: what is refused, what is warned of, and what the table says.
+//! Campaigns with ramps next to positions and without them: what is refused, what is warned of, and what the table
+//! says.
 
 use isotherm_campaign::Campaign;
 use isotherm_fit::{
@@ -29,7 +30,7 @@ fn beside(options: CalibrationOptions) -> Result<Calibration, CalibrationError> 
     calibrate(&campaign, measurements, options)
 }
 
-/// The campaign file with its ramps alone, as `change` makes it.
+/// The campaign file with only its ramps, as `change` makes it.
 fn file_alone(change: impl Fn(String) -> String) -> Campaign {
     let (head, _) = FILE.split_once("[[position]]").unwrap();
     let (_, ramps) = FILE.split_once("[[ramp]]").unwrap();
@@ -37,7 +38,7 @@ fn file_alone(change: impl Fn(String) -> String) -> Campaign {
     Campaign::from_toml(&change(format!("curves = \"static.toml\"\n{head}[[ramp]]{ramps}"))).unwrap()
 }
 
-/// The table of the positions, which the ramps alone begin with.
+/// The table of the positions, which the ramps begin with.
 fn static_table() -> CoefficientTable {
     let campaign = Campaign::from_toml(FILE).unwrap();
     let dwells = isotherm_campaign::read_dwells(&campaign, CampaignCsvReader::new(SAMPLES.as_bytes()).unwrap());
@@ -248,7 +249,10 @@ fn ramps_of_another_device_are_refused() {
     );
     let others = [of("S/N 1", 0), of("S/N 2", 1)];
     let error = fitted(&others, &[]).unwrap_err().to_string();
-    assert!(error.contains("ramp-2.csv: the unit") && error.contains("the campaign file"), "{error}");
+    assert!(
+        error.contains("ramp-2.csv: rows of this ramp are from device") && error.contains("the campaign file"),
+        "{error}"
+    );
     assert_eq!(fitted(&others, &[name::OTHER_DEVICE]).unwrap().accepted, [name::OTHER_DEVICE]);
 }
 
@@ -261,7 +265,7 @@ fn a_row_that_cannot_be_used_has_its_line() {
     match RampRecording::from_csv("ramp-1.csv", changed.as_bytes()) {
         Err(RecordingError::Data { line: found, message }) => {
             assert_eq!(found, line as u64 + 1);
-            assert!(message.contains("which is no temperature"), "{message}");
+            assert!(message.contains("which is not a temperature"), "{message}");
         }
         other => panic!("{other:?}"),
     }

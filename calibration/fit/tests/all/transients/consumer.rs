@@ -60,7 +60,7 @@ fn with_a_given_time_constant_five_of_six_are_written() {
     }
 }
 
-/// What the table of the fit leaves of A1 .. G3 in the last cooling, which was not fitted: rms about the mean of what
+/// What the table of the fit leaves of A1 to G3 in the last cooling, which was not fitted: rms about the mean of what
 /// was \[g0, deg/h\].
 fn left_over(found: &Transients, rows: &[RawSample]) -> [f64; 6] {
     let mut content = nominal().content().clone();

@@ -96,7 +96,7 @@ fn the_table_gets_lag_transients_and_curves() {
     assert_eq!((content.lag_s, content.format), (None, 1));
     assert!(content.axes.iter().all(|axis| axis.transient == 0.0));
 
-    // Alone, the ramps give the shape of the curves; the value at mid range is the table's.
+    // By themselves, the ramps give the shape of the curves; the value at mid range is the table's.
     fitted(CurveSource::Ramps, LagChoice::Search).apply(&mut content);
     CoefficientTable::new(content.clone()).unwrap();
     // A1 is level in one ramp and A2 nearly: their curves are those of the bias. A3 carries 1 g0: its K+ is in its

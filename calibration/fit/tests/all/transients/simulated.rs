@@ -60,7 +60,7 @@ pub(crate) fn recorded(truth: &Truth, schedules: &[RampSchedule], seed: u64) -> 
     recorded_with(truth, schedules, seed, |_| true)
 }
 
-/// The fit beside a campaign whose static curves are exact.
+/// The fit next to a campaign whose static curves are exact.
 pub(crate) fn fitted(truth: &Truth, recordings: &[RampRecording], lag: LagChoice) -> Transients {
     let options = TransientOptions { curves: CurveSource::Campaign, lag, predecessor_s: None };
     fit(recordings, &truth.table, &options).unwrap()

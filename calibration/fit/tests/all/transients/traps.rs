@@ -173,7 +173,7 @@ fn lag_and_play_are_told_apart() {
     let play = Play { half_width, accelerometers: [3e-6 / half_width, 0.0, 0.0], gyroscopes: [0.0; AXES] };
     let found = search(&truth(TAU_S, TRANSIENTS, vec![play]), &afternoon(quiet()));
     assert_found(&found, 0.2, "lag and play");
-    // Of the play, twice its half width parts heating and cooling.
+    // Twice the half width of the play separates heating and cooling.
     let left = band(&found.biases[0].after).unwrap() * 1e6;
     assert!((3.0..7.0).contains(&left), "{left}");
     assert!(band(&found.biases[1].after).unwrap() * 1e6 < 1.5);

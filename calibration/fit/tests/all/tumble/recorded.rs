@@ -96,7 +96,7 @@ fn each_of_five_mpu9150_is_calibrated() {
         let reference = &expected[format!("imu{unit}")];
         let count = found.readings.len();
         assert_eq!(count, [22, 22, 24, 23, 22][unit], "imu{unit}");
-        // Movement in the first 30 s is no obstacle. Of the degrees of freedom the reference has 217 to 321e-6 g0.
+        // Movement in the first 30 s is no obstacle. The reference has, of the degrees of freedom, 217 to 321e-6 g0.
         let evidence = found.evidence.as_ref().unwrap();
         let right = [217e-6, 262e-6, 222e-6, 196e-6, 321e-6][unit];
         assert!((evidence.within / right - 1.0).abs() < 0.02, "imu{unit}: {}", evidence.within);

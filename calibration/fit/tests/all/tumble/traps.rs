@@ -261,7 +261,7 @@ fn what_looks_wrong_is_named() {
     let options = TumbleOptions { temperature_range: Some([0.0, 50.0]), ..TumbleOptions::default() };
     let both = [recording(&rows), recording(&other.rows)];
     let error = calibrate_tumble(&campaign([9.81, 9.81]), &both, &options).unwrap_err().to_string();
-    assert!(error.starts_with("the two groups of static poses") && error.contains("another unit in one"), "{error}");
+    assert!(error.starts_with("the two groups of static poses") && error.contains("another device in one"), "{error}");
     let kelvin: Vec<RawSample> = put_down(&cube(), &[298.15]);
     let found = calibrated(&kelvin, |options| options.temperature_range = Some([250.0, 350.0])).unwrap();
     assert!(messages(&found).iter().any(|warning| warning.contains("kelvin")), "{:?}", messages(&found));

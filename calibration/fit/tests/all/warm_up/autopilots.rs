@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-/// The cubics of A1 .. G3 \[m/s2, rad/s\] about a reference temperature, 0 there.
+/// The cubics of A1 to G3 \[m/s2, rad/s\] about a reference temperature, 0 there.
 pub(super) struct AutopilotCubics {
     reference: f64,
     powers: [[f64; 3]; 6],

@@ -256,6 +256,6 @@ fn a_recording_of_two_hours_at_one_kilohertz_is_screened_while_it_is_read() {
     };
     let recording = RampRecording::read_screened("long", (0..ROWS).map(row)).unwrap();
     println!("{} bad rows: {:?}", recording.bad_rows().len(), recording.bad_rows().counts());
-    // Of 21.6 million values some are off by chance.
+    // Some of 21.6 million values are off by chance.
     assert!((720..760).contains(&recording.bad_rows().len()));
 }

@@ -1,4 +1,4 @@
-//! The curves without any option over many devices, against the truth and beside a plain cubic of the same rows, which
+//! The curves without any option over many devices, against the truth and against a plain cubic of the same rows, which
 //! is what the scripts of both autopilots fit.
 
 use super::curves::{GRAVITY, calibrated, screened};

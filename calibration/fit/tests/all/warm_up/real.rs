@@ -27,7 +27,7 @@ fn without_lag() -> WarmUpOptions {
     WarmUpOptions { lag: LagChoice::None, ..WarmUpOptions::default() }
 }
 
-/// Readings of A1 .. G3 under a table \[m/s2, rad/s\], with their temperature.
+/// Readings of A1 to G3 under a table \[m/s2, rad/s\], with their temperature.
 fn readings(table: &CoefficientTable, rows: &[RawSample]) -> Vec<(f64, [f64; 6])> {
     let mut lag = Lag::new(table.lag_ns());
     let of_row = |raw: &RawSample| {
@@ -178,7 +178,7 @@ fn the_band_holds_the_sweep_left_out() {
     assert!(held[0] == 6 && held[1] >= 5, "{held:?}");
 }
 
-/// The cubics beside are those of the scripts, but for running means and medians.
+/// The cubics for comparison are those of the scripts, but for running means and medians.
 #[test]
 fn the_cubics_beside_are_those_of_the_autopilots() {
     let beside = WarmUpOptions { beside: vec![Autopilot::Px4, Autopilot::ArduPilot], ..without_lag() };

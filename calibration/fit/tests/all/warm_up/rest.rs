@@ -1,4 +1,4 @@
-//! What is in a log besides a warm-up at rest: flights, carrying, bumps, and thermometers that stand still.
+//! What is in a log in addition to a warm-up at rest: flights, carrying, bumps, and thermometers that stand still.
 
 use super::bad_rows::seed;
 use super::curves::{Course, Setting, WarmUp};

@@ -126,7 +126,7 @@ fn honest_recordings_are_not_refused() {
     }
     let mut random = RandomGenerator::new(5, 1);
     for _ in 0..20 {
-        // White noise alone, of 1 to 100 steps, in rows of coarse values.
+        // Only white noise, of 1 to 100 steps, in rows of coarse values.
         let size = libm::pow(10.0_f64, random.uniform() * 2.0);
         let mut noise = || (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
         let levels: Vec<[f64; 6]> =

@@ -4,7 +4,7 @@ use super::curves::{RESOLUTION, interval_ns, sample};
 use isotherm_shared::wire::{AXES, RawSample};
 use isotherm_simulation::RandomGenerator;
 
-/// A1 .. G3.
+/// A1 to G3.
 pub(super) const SENSORS: usize = 2 * AXES;
 /// Time constants of what makes a floor of flicker together [s].
 const FLICKER_S: [f64; 5] = [10.0, 30.0, 100.0, 300.0, 1000.0];

@@ -148,7 +148,7 @@ impl CampaignJob<'_> {
             Some(file) if self.samples.is_empty() => file.samples(campaign),
             Some(_) if campaign.has_ramps_alone() => {
                 let message =
-                    "samples are for positions, and the campaign file has ramps alone; name them as [[ramp]] in it";
+                    "samples are for positions, and the campaign file has only ramps; name them as [[ramp]] in it";
                 Err(Failure::new(Exit::Usage, message))
             }
             _ => Ok(self.samples.to_owned()),

@@ -1,4 +1,4 @@
-//! What `calibrate` tells of a fit.
+//! What `calibrate` prints about a fit.
 
 use crate::commands::common::JsonOption;
 use crate::messages::{print_text, tell_findings};

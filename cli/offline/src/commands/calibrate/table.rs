@@ -30,9 +30,10 @@ pub(super) struct TableArgs {
     pub part: PartArgs,
     #[command(flatten)]
     pub acceptance: AcceptanceArgs,
-    /// Take samples of another device, too
+    /// Accept samples of another device
     ///
-    /// The samples may be of another device than the serial number says, or of two. The same as --accept other-device.
+    /// The samples can come from a device with another serial number, or from two devices. This is the same as --accept
+    /// other-device.
     #[arg(long)]
     pub other_device: bool,
 }

@@ -18,9 +18,9 @@ use std::time::Duration;
 
 /// Make a table from recordings in many attitudes
 ///
-/// The recordings are of a tumble. The static poses in them are found, and
-/// the magnitude of gravity is the reference. Each file is a recording of its own, or data of another program. A
-/// campaign file with method = "gravity-only" takes the place of the recordings and of the options that describe them.
+/// The static poses in the recordings are found, and the magnitude of gravity is the reference. Each file is a separate
+/// recording, or third-party data. A campaign file with method = "gravity-only" can take the place of the recordings
+/// and of the options that describe them.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm calibrate tumble tumble.csv --imu imu-b --gravity-local 9.8123 --gravity-reference 9.80665 --temperature-unit degC -o imu-b.toml
@@ -29,17 +29,17 @@ use std::time::Duration;
 pub(super) struct Tumble {
     /// Read these recordings, or a campaign file (.toml)
     ///
-    /// Recordings behind a campaign file replace those that it names.
+    /// Recordings that follow a campaign file replace those that it names.
     #[arg(value_name = "RECORDING", required = true)]
     recordings: Vec<PathBuf>,
     /// Write the table to this file
     ///
-    /// - is stdout. Of several IMUs {imu} in the name stands for that of each.
+    /// - is stdout. For several IMUs, {imu} in the name stands for the name of each.
     #[arg(short, long, value_name = "TABLE.toml")]
     output: PathBuf,
     /// Name the IMU that was measured
     ///
-    /// Of a campaign file with several IMUs, the only one whose table is made.
+    /// If a campaign file has several IMUs, only the table of this one is made.
     #[arg(long, value_name = "ID")]
     imu: Option<ImuId>,
     #[command(flatten)]
@@ -48,28 +48,28 @@ pub(super) struct Tumble {
     table: TableArgs,
     /// Write the report of a batch (HTML)
     ///
-    /// The spread of the IMUs of a campaign file with several, and which one stands out.
+    /// For a campaign file with several IMUs. The report shows their spread, and names the ones that stand out.
     #[arg(long, value_name = "BATCH.html")]
     batch: Option<PathBuf>,
     /// Choose how many scale factors an axis has
     ///
-    /// single: K- = -K+; split: each a curve of its own; auto: single, unless split is significant and the attitudes
-    /// allow it [default: auto].
+    /// single: K- = -K+. split: K+ and K- are separate curves. auto: single, unless split is significant and the
+    /// attitudes allow it [default: auto].
     #[arg(long, value_name = "CHOICE", value_parser = one_of(ScaleFactorChoice::NAMES))]
     scale_factor: Option<ScaleFactorChoice>,
     /// Estimate no misalignments
     ///
-    /// They stay in the errors, and the table gets no alignment matrix.
+    /// They remain in the errors, and the table has no alignment matrix.
     #[arg(long)]
     no_misalignment: bool,
     /// Search static poses with windows this long [s]
     ///
-    /// The default is 0.5, and 1 if the noise is correlated over that.
+    /// The default is 0.5, or 1 if the noise is correlated over that time.
     #[arg(long, value_name = "S", value_parser = seconds)]
     window: Option<Duration>,
     /// State where order 0 is valid
     ///
-    /// In the temperature's unit; required if the temperature is constant [default: the measured range].
+    /// In the unit of the temperature. Required if the temperature is constant [default: the measured range].
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range)]
     temperature_range: Option<[f64; 2]>,
     /// Leave out the static pose of this number
@@ -84,14 +84,12 @@ pub(super) struct Tumble {
 #[command(next_help_heading = "Recordings without a campaign file")]
 struct GravityArgs {
     /// Set gravity at the recordings' place [m/s2]
-    ///
-    /// Set gravity at the place of the recordings [m/s2]
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_local: Option<f64>,
     /// Set the geodetic latitude there [deg]
     ///
-    /// North is positive. With --height it checks --gravity-local, or gives normal gravity, whose error of 102 ppm
-    /// (95 %) is then in the scale factors.
+    /// North is positive. With --height, it is used to check --gravity-local. Without --gravity-local, it gives normal
+    /// gravity, whose error of 102 ppm (95 %) is then contained in the scale factors.
     #[arg(long, value_name = "DEG", requires = "height", allow_hyphen_values = true, value_parser = latitude)]
     latitude: Option<f64>,
     /// Set the height above the sea there [m]
@@ -104,7 +102,7 @@ struct GravityArgs {
     gravity_reference: Option<f64>,
     /// Name the unit of the temperature
     ///
-    /// It is a label.
+    /// The unit is a label.
     #[arg(long, value_name = "UNIT")]
     temperature_unit: Option<String>,
 }
@@ -155,7 +153,7 @@ impl GravityArgs {
             ("--temperature-unit", self.temperature_unit.is_some()),
         ];
         let Some((name, _)) = given.iter().find(|(_, given)| *given) else { return Ok(()) };
-        Err(Failure::new(Exit::Usage, format!("{name} is for recordings alone: a campaign file has it as a key")))
+        Err(Failure::new(Exit::Usage, format!("{name} is only for recordings: a campaign file has it as a key")))
     }
 }
 

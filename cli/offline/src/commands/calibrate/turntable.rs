@@ -20,10 +20,11 @@ use std::path::{Path, PathBuf};
 
 /// Make a table from a turntable campaign
 ///
-/// Checks the samples, reduces every set point, chooses the orders, fits, and writes a sealed table with its
-/// provenance. What the positions cannot observe is refused, never guessed. A campaign with turns gives the gyroscopes
-/// too. Ramps give the lag of the sensing elements behind their temperature, and transients of the biases where they
-/// show them; ramps alone also the bias curves at one attitude.
+/// Checks the samples, reduces every set point, chooses the orders of the polynomials, fits them, and writes a sealed
+/// table with its provenance. Parameters that the positions cannot observe are refused, never guessed. A campaign with
+/// turns also calibrates the gyroscopes. Ramps give the lag of the sensing elements behind their temperature, and the
+/// transients of the biases if they are significant. A campaign with only ramps also gives the bias curves at one
+/// attitude.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm calibrate turntable campaign.toml -o imu-a.toml --report imu-a.html
@@ -42,14 +43,14 @@ pub(super) struct Turntable {
     samples: Vec<PathBuf>,
     /// Write the table to this file
     ///
-    /// - is stdout. Of several IMUs {imu} in the name stands for that of each.
+    /// - is stdout. For several IMUs, {imu} in the name stands for the name of each.
     #[arg(short, long, value_name = "TABLE.toml", required_unless_present = "propose")]
     output: Option<PathBuf>,
     /// Propose a campaign file for a folder
     ///
-    /// There is a file for each position at each set point, or a sheet of means. The campaign file goes to -o, or to
-    /// stdout. Names tell set points and positions, gravity tells accelerometers from temperature. What the files do
-    /// not say is "?" there, or a comment.
+    /// The folder has a file for each position at each set point, or a sheet of means. The campaign file is written to
+    /// -o, or to stdout. Set points and positions are taken from the names of the files. Gravity distinguishes
+    /// accelerometers from temperatures. Everything that the files do not show is "?" there, or a comment.
     #[arg(long, value_name = "FOLDER", conflicts_with_all = ["campaign", "report", "batch", "json"])]
     propose: Option<PathBuf>,
     #[command(flatten)]
@@ -59,8 +60,8 @@ pub(super) struct Turntable {
     imu: Option<ImuId>,
     /// Write the report of a batch (HTML)
     ///
-    /// The spread of the IMUs of a campaign file with several, and which one stands out. In -o and --report, {imu}
-    /// stands for the name of each.
+    /// For a campaign file with several IMUs. The report shows their spread, and names the ones that stand out. In -o
+    /// and --report, {imu} stands for the name of each.
     #[arg(long, value_name = "BATCH.html")]
     batch: Option<PathBuf>,
     /// Choose how the fit treats set points
@@ -71,32 +72,31 @@ pub(super) struct Turntable {
     method: Option<Method>,
     /// Give the table an alignment matrix
     ///
-    /// It is made from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]. It turns the axes of
-    /// the output onto those of the turntable; how the IMU sat on the fixture is part of it. With gyroscopes both
-    /// triads get one, or neither.
+    /// The matrix is made from the misalignments [default: if one exceeds its 99 % interval and 1e-6 rad]. It rotates
+    /// the axes of the output onto those of the turntable, and includes the mounting of the IMU on the fixture. If
+    /// there are gyroscopes, either both triads get a matrix or neither.
     #[arg(long, conflicts_with = "no_alignment")]
     alignment: bool,
     /// Give the table no alignment matrix
     ///
-    /// Outputs stay along the sensors' input axes.
+    /// The outputs then stay along the input axes of the sensors.
     #[arg(long)]
     no_alignment: bool,
     /// Set the lag behind the temperature [s]
     ///
-    /// The time constant, for example that of a sister unit; or none, for a table without transients [default: found in
-    /// the ramps]. Given, it need not show itself in the ramps. A transient of a bias is still written only if it
-    /// predicts the sweeps left out.
+    /// The time constant, for example that of another device of the same type; or none, for a table without transients
+    /// [default: found in the ramps]. A given time constant need not be significant in the ramps. A transient of a bias
+    /// is still written only if it predicts the sweeps that are left out.
     #[arg(long, value_name = "auto|S|none", value_parser = lag_choice)]
     lag: Option<LagChoice>,
     /// Leave out a dwell or a turn
     ///
-    /// Set point in degC and number of the position or turn; may be repeated.
+    /// Give the set point in degC and the number of the position or turn. Can be repeated.
     #[arg(long, value_name = "SET_POINT/NUMBER", allow_hyphen_values = true, value_parser = dwell)]
     exclude: Vec<(f64, u32)>,
-    /// Write curves of ramps whose error is unknown
+    /// Write curves of ramps with unknown errors
     ///
-    /// Also where the curves that they replace depend on temperature or have an error; the same as --accept
-    /// one-direction.
+    /// Also replaces curves that depend on temperature or have an error. This is the same as --accept one-direction.
     #[arg(long)]
     replace_curves: bool,
 }

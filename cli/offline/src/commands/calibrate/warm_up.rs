@@ -25,9 +25,9 @@ use std::path::{Path, PathBuf};
 /// Make bias curves from recordings of a warm-up
 ///
 /// The curves are fitted to recordings at one attitude while the IMU warms up or cools, as PX4 and ArduPilot do it.
-/// Recordings, or logs of autopilots and data of other programs: readings need no table. Their error is the band
-/// between heating and cooling. Of a log with several IMUs each gets a table: their names are that of --imu with the
-/// number of the log behind it. --report and --export are then for all together.
+/// Logs of autopilots and third-party data need no table. The error of the curves is the band between heating and
+/// cooling. If a log has several IMUs, each gets a table, named by --imu and the number in the log. --report and
+/// --export are then for all IMUs together.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   isotherm calibrate warm-up warm-up.ulg --imu imu-b -o imu-b.toml --export px4=imu-b.params
@@ -42,25 +42,25 @@ pub(super) struct WarmUp {
     imu: ImuId,
     /// Write the table to this file
     ///
-    /// - is stdout. Of a log with several IMUs a folder, or a name with {instance} in it.
+    /// - is stdout. For a log with several IMUs it is a folder, or a name that contains {instance}.
     #[arg(short, long, value_name = "TABLE.toml")]
     output: PathBuf,
     #[command(flatten)]
     table: TableArgs,
     /// Take everything but the biases from this table
     ///
-    /// {instance} in its name is the number in the log. The table of the attitudes, or the nominal one that convert
-    /// --nominal writes [default: made of the readings' resolution].
+    /// It is a table that was measured in several attitudes, or the nominal one that convert --nominal writes [default:
+    /// made from the resolution of the readings]. {instance} in its name stands for the number of the IMU in the log.
     #[arg(long, value_name = "TABLE.toml")]
     nominal: Option<PathBuf>,
     /// Set the value of 1 g0 [m/s2]
     ///
-    /// It is written into a table that readings make [default: 9.80665].
+    /// It is written into a table that is made from readings [default: 9.80665].
     #[arg(long, value_name = "G", value_parser = gravity)]
     gravity_reference: Option<f64>,
     /// Keep the nominal accelerometer bias at this temperature
     ///
-    /// The default is mid range.
+    /// The default is the middle of the range.
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = crate::parse::number)]
     at: Option<f64>,
     /// Set the lag behind the temperature [s]
@@ -69,14 +69,15 @@ pub(super) struct WarmUp {
     /// --export].
     #[arg(long, value_name = "auto|S|none", value_parser = lag_choice)]
     lag: Option<LagChoice>,
-    /// Show what parameters leave on the rows
+    /// Compare with the residuals of autopilots' parameters
     ///
-    /// The cubics that autopilots would fit to the same rows, or the parameters of a file, which are on board.
+    /// Compares the table with the cubics that autopilots would fit to the same rows, or with the parameters in a file,
+    /// such as those on board.
     #[arg(long, value_name = "px4,ardupilot,FILE", value_delimiter = ',')]
     beside: Vec<ShownParameters>,
-    /// Write the biases as parameters, too
+    /// Also write the biases as parameters
     ///
-    /// May be repeated. Orders are then 3 at most, and there is no lag unless it is given.
+    /// Can be repeated. The orders are then at most 3, and there is no lag unless --lag gives one.
     #[arg(long, value_name = "px4=FILE|ardupilot=FILE")]
     export: Vec<ParameterFile>,
     #[command(flatten)]

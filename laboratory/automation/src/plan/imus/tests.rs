@@ -118,7 +118,7 @@ fn what_is_wrong_with_imus_is_named_with_its_key() {
     assert!(faults(&text("imus = [3]")).contains("imus: "));
     let mounted = text(IMUS).replace("[turntable]", &format!("[turntable]\nmounting = {TURNED:?}"));
     assert!(faults(&mounted).contains("turntable.mounting: there is imus, where each IMU has its own mounting"));
-    // Faults of the rest are still told.
+    // Faults of the rest are still reported.
     let both =
         faults(&text(&IMUS.replace("imu-b\"", "imu-a\"")).replace("gravity_local = 9.8015", "gravity_local = 98.1"));
     assert!(both.contains("imu-a is there twice") && both.contains("gravity_local: is 98.1"), "{both}");

@@ -14,13 +14,13 @@ pub(super) struct Layout {
     /// One pulse of both.
     pub(super) resolution: &'static str,
     pub(super) temperature: Option<&'static str>,
-    /// Further columns that tell the layout from others.
+    /// Further columns that distinguish the layout from others.
     pub(super) also: &'static [&'static str],
     /// Whether it has no other column.
     pub(super) is_all: bool,
     /// Columns of the time \[us\] that accelerations and rates are sums over.
     pub(super) durations: Option<[&'static str; 2]>,
-    /// What is known of the numbers besides, for the note.
+    /// What is known of the numbers in addition, for the note.
     pub(super) remark: &'static str,
 }
 
@@ -113,7 +113,7 @@ pub(super) const ARDUINO: Layout = Layout {
 pub(super) const TEMPERATURES: [&str; 4] = ["temp", "temperature", "t", "tmp"];
 
 impl Layout {
-    /// The columns of the sensors, the times that they are sums over, and what tells the layout.
+    /// The columns of the sensors, the times that they are sums over, and what shows the layout.
     fn needed(&self) -> impl Iterator<Item = &'static str> {
         let sensors = self.accelerometer.into_iter().chain(self.gyroscope.into_iter().flatten());
         sensors.chain(self.temperature).chain(self.also.iter().copied()).chain(self.durations.into_iter().flatten())

@@ -1,6 +1,6 @@
 //! Units of columns, as they stand in a line of their own below the names.
 
-/// Units in lower case, besides those with a `/`, a `^` or a degree sign.
+/// Units in lower case, except those with a `/`, a `^` or a degree sign.
 const UNITS: [&str; 41] = [
     "-", "s", "sec", "secs", "second", "seconds", "ms", "msec", "us", "usec", "\u{b5}s", "ns", "nsec", "g", "mg", "g0",
     "mps2", "m.s-2", "ms-2", "dps", "mdps", "rps", "rad", "deg", "degc", "c", "celsius", "k", "ut", "mt", "gauss",

@@ -59,7 +59,7 @@ fn open(text: &'static str, keys: &[&str]) -> String {
 
 #[test]
 fn what_nothing_says_is_left_open() {
-    // Counts of a text without a header: nothing tells accelerometers from gyroscopes.
+    // Counts of a text without a header: nothing distinguishes accelerometers from gyroscopes.
     let proposal = open("1000\t1\t-2\t3\t4\t5\t6\n2000\t1\t2\t3\t4\t5\t6\n", &["accelerometer.columns"]);
     assert!(proposal.contains("header = false") && proposal.contains("column = 1\n"), "{proposal}");
     assert!(proposal.contains("# three of 2, 3, 4, 5, 6, 7\n") && !proposal.contains("gyroscope"), "{proposal}");
@@ -101,7 +101,7 @@ fn units_of_headers_and_rates_above_them_are_used() {
     assert_eq!((gyroscope.unit, gyroscope.resolution), (Some(1f64.to_radians()), Some(1e-6)), "{proposal}");
     let Temperature::Columns { linear: Some(linear), .. } = mapping.temperature else { panic!("{proposal}") };
     assert_eq!((linear.scale, linear.offset), (1.0, -273.15));
-    // Without a name the length of gravity tells; x, y, z are in the order of the axes.
+    // Without a name the magnitude of gravity decides; x, y, z are in the order of the axes.
     let (proposal, mapping) = proposed(
         "time,seconds_elapsed,z,y,x\n1700000000000000000,0.005,9.79,-0.1,0.2\n\
                                         1700000000005000000,0.01,9.8,-0.11,0.21\n",
@@ -179,6 +179,6 @@ fn names_are_quoted_as_toml_and_for_a_terminal() {
 fn what_is_no_table_gets_no_proposal() {
     for text in ["a\nb\n", "", "one,two\n1,2\n"] {
         let rows = Box::new(text.as_bytes()) as Box<dyn Read>;
-        assert!(proposal(rows).unwrap_err().to_string().contains("this is no table of numbers"), "{text:?}");
+        assert!(proposal(rows).unwrap_err().to_string().contains("this is not a table of numbers"), "{text:?}");
     }
 }

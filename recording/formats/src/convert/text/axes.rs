@@ -140,7 +140,8 @@ impl TextAxes {
     pub(super) fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
         if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
             return Err(format!(
-                "{section}: the numbers look like counts; if they are readings, give its unit: {units}; else the scale of a count"
+                "{section}: the numbers look like counts; if they are readings, give its unit: {units}; otherwise \
+                 the scale of a count"
             ));
         }
         let unit = self.unit.unwrap_or(1.0);

@@ -33,7 +33,7 @@ pub(in super::super) enum Fault {
     Range,
     /// It does not fit its checksum, or has none.
     Checksum,
-    /// Its fields cannot be told: a quotation mark is not closed, a line is far too long.
+    /// Its fields cannot be separated: a quotation mark is not closed, a line is far too long.
     Line,
 }
 
@@ -82,8 +82,8 @@ impl BadRows {
             // There is no table around the first one.
             0..FEWEST_GOOD => message,
             _ => format!(
-                "{message}; {count} of the {which}{rows} rows are bad ({}), and at most 1 % are left out: correct the \
-                 mapping if it does not fit them, else take them out of the text",
+                "{message}; {count} of the {which}{rows} rows are bad ({}), and at most 1 % are left out: correct \
+                 the mapping if it does not fit them, otherwise take them out of the text",
                 self.kinds()
             ),
         };
@@ -94,11 +94,11 @@ impl BadRows {
         let kind = |(fault, count): (&Fault, &u64)| {
             let what = match fault {
                 Fault::Fields => "with another number of fields",
-                Fault::Number => "with a field that is no number",
+                Fault::Number => "with a field that is not a number",
                 Fault::Missing => "with a missing value",
                 Fault::Range => "with a number over the range",
                 Fault::Checksum => "with a wrong checksum",
-                Fault::Line => "in a line that is no whole row",
+                Fault::Line => "in a line that is not a whole row",
             };
             format!("{count} {what}")
         };

@@ -46,7 +46,7 @@ impl PulseCounts {
         if (value - pulses).abs() > WHOLE {
             if self.kind == Kind::Count {
                 let message = format!(
-                    "{} is {}, which is no count: if the numbers are pulses a second, give kind = \"rate\" and \
+                    "{} is {}, which is not a count: if the numbers are pulses per second, give kind = \"rate\" and \
                      gate_s, the time that they were counted over; if they are means of a dwell, give the sheet as \
                      means",
                     column.name(),
@@ -97,8 +97,8 @@ impl PulseCounts {
             )
         } else if 2 * self.parts > self.pulses {
             format!(
-                "{section}: most rates times gate_s = {gate_s} are no whole numbers of pulses: give the time \
-                 that the pulses were counted over, or more digits; what is rounded is up to half a pulse a row"
+                "{section}: most rates times gate_s = {gate_s} are not whole numbers of pulses: give the time that \
+                 the pulses were counted over, or more digits; what is rounded is up to half a pulse a row"
             )
         } else {
             return None;

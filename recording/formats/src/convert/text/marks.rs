@@ -71,7 +71,7 @@ impl ColumnMarks {
         }
         let line = rows.line();
         rows.parse_or(column, |text| {
-            // What is spoilt tells nothing of the decimal mark.
+            // Corrupt rows show nothing of the decimal mark.
             if !text.bytes().all(|byte| byte.is_ascii_digit() || b"+-.,eE".contains(&byte)) {
                 return Err(Cow::Borrowed("a number"));
             }

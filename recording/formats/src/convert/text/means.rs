@@ -71,7 +71,7 @@ impl TextSource {
         let Number { value, is_whole } = number(position)?;
         let position = Some(value).filter(|value| is_whole && (0.0..4_294_967_296.0).contains(value));
         let Some(position) = position.map(|value| value as u32) else {
-            let message = format!("{value} is no position; give its whole number, as in the campaign file");
+            let message = format!("{value} is not a position; give its whole number, as in the campaign file");
             return Err(RowRefusal::Text(self.rows.error(message)));
         };
         let numbers = self.accelerometers.numbers(&self.rows, &mut self.marks)?;

@@ -9,7 +9,7 @@ use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// What is shown beside the curves of a table.
+/// What is shown next to the curves of a table.
 #[derive(Clone, Debug)]
 pub(super) enum ShownParameters {
     /// The cubic that an autopilot's own script would make.
@@ -58,7 +58,7 @@ impl FromStr for ParameterFile {
 }
 
 impl ParameterFile {
-    /// Tells what was written.
+    /// Prints what was written.
     pub(super) fn tell(&self, exported: &ExportedParameters) {
         tell_exported(exported, self.autopilot, &self.path);
     }
@@ -77,7 +77,7 @@ pub(super) fn exported(
 ) -> Result<Vec<ExportedParameters>, Failure> {
     let one = |file: &ParameterFile| {
         let options = parameters.options(file.autopilot, None, outcome.source.log_imu);
-        // Of two autopilots only PX4 wants them.
+        // Only PX4 wants them, not ArduPilot.
         let device_id = options.device_id.filter(|_| file.autopilot == Autopilot::Px4);
         export(outcome.fitted.table(), &ExportOptions { device_id, ..options })
     };
