@@ -5,7 +5,7 @@ pub mod text;
 
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
-use super::quantity::{digits, fitting, with_unit};
+use super::quantity::{digits, divisor, fitting, with_unit};
 use crate::parts::file_names;
 use core::f64::consts::SQRT_2;
 use isotherm_analysis::{
@@ -83,11 +83,11 @@ fn summary(page: &mut Page, sensors: &[SensorNoise]) {
     for (k, letter) in COEFFICIENTS.iter().enumerate() {
         let (unit, factor) = units.coefficients[k];
         let (fit, unit) = fitting(unit, all(k).fold(0.0, f64::max) * factor);
-        header.push(format!("{letter} {} / ({unit})", units.names[k]));
+        header.push(format!("{letter} {} / {}", units.names[k], divisor(&unit)));
         scales.push(factor * fit);
     }
     let (factor, unit) = fitting(units.rate, curves().filter_map(Allan::minimum).map(|it| it.adev).fold(0.0, f64::max));
-    header.push(format!("Minimum of the curve / ({unit})"));
+    header.push(format!("Minimum of the curve / {}", divisor(&unit)));
     let row = |sensor: &SensorNoise| {
         let allan = sensor.allan.as_ref();
         let cell = |(k, scale): (usize, &f64)| {
@@ -194,8 +194,7 @@ fn coefficients(page: &mut Page, what: &str, allan: &Allan, units: &NoiseUnits) 
 fn figure(what: &str, allan: &Allan, units: &NoiseUnits) -> (Markup, String) {
     let points: Vec<_> = allan.points.iter().map(|point| (point.tau_s, point.adev)).collect();
     let band = allan.points.iter().filter_map(|point| point.interval.map(|[low, high]| (point.tau_s, low, high)));
-    let unit = if units.rate.contains('/') { format!("({})", units.rate) } else { units.rate.to_owned() };
-    let label = format!("Allan deviation / {unit}");
+    let label = format!("Allan deviation / {}", divisor(units.rate));
     let mut plot = Plot::new(what, "tau / s", &label).series("Measured", Style::Both, points).band(band);
     // Parts far from the curve would only make the figure higher.
     let measured = || allan.points.iter().map(|point| point.adev).filter(|adev| *adev > 0.0);

@@ -6,7 +6,7 @@
 //! prints in the light palette.
 
 use crate::plot::Plot;
-use crate::quantity::printed;
+use crate::quantity::{printed, sentence};
 use isotherm_support::finding::{Finding, Severity};
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
@@ -267,7 +267,7 @@ impl Page {
                 Severity::Warning => (NoteKind::Warning, "Warning"),
             };
             let same = findings.iter().filter(|it| (it.severity, it.name) == (severity, name));
-            let lines: Vec<_> = same.map(|finding| format!("{}{finding}", place(finding))).collect();
+            let lines: Vec<_> = same.map(|finding| sentence(&format!("{}{finding}", place(finding)))).collect();
             self.note(kind, &format!("{title} [{name}]"), &lines.join("\n"));
         }
     }
@@ -515,8 +515,8 @@ pub(super) mod tests {
         page.paragraph("after");
         page.note(NoteKind::Bad, "last", "");
         let page = page.finish();
-        let places = ["[interval]", "[level]", "good</p>", "after", "last"].map(|text| page.find(text));
-        assert_eq!((page.matches("[level]").count(), page.matches("<p>line 1: w</p>").count()), (1, 2));
+        let places = ["[interval]", "[level]", "good</p>", "<p>after", "last</p>"].map(|text| page.find(text));
+        assert_eq!((page.matches("[level]").count(), page.matches("<p>Line 1: w.</p>").count()), (1, 2));
         assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{places:?} {page}");
     }
 
@@ -529,7 +529,7 @@ pub(super) mod tests {
             page.finish()
         };
         let page = table(&[["x", "V", "-", "1"], ["y", "V", "-", "2"], ["z", "V", "-", "1"]]);
-        assert!(page.contains("Caption; unit: V in every row</p>") && !page.contains("none"), "{page}");
+        assert!(page.contains("Caption; unit: V in every row</p>") && !page.contains(">none<"), "{page}");
         assert_eq!((page.matches("<th").count() - 1, page.matches("<td").count()), (2 + 3, 3));
         let page = table(&[["x", "V", "-", "1"], ["y", "V", "-", "2"]]);
         assert!(page.contains("<th scope=\"col\">unit") && !page.contains("in every row"), "{page}");

@@ -138,11 +138,19 @@ fn unit(word: &str) -> String {
     out
 }
 
-/// A text as a sentence: with a capital at its beginning and a full stop at its end.
+/// A text as a sentence: with a capital at its beginning, unless that is a name, and a full stop at its end.
 pub(crate) fn sentence(text: &str) -> String {
+    let is_word = text.split(' ').next().is_some_and(|word| word.chars().all(|c| c.is_ascii_lowercase()));
     let mut rest = text.chars();
-    let first = rest.next().map_or_else(String::new, |first| first.to_uppercase().to_string());
-    format!("{first}{}.", rest.as_str().trim_end_matches('.'))
+    let first = rest.next().filter(|_| is_word).map(|first| first.to_ascii_uppercase());
+    let rest = if first.is_some() { rest.as_str() } else { text };
+    let stop = if rest.ends_with(['.', ':']) || rest.is_empty() { "" } else { "." };
+    first.into_iter().collect::<String>() + rest + stop
+}
+
+/// A unit as it stands behind a quantity and a stroke.
+pub(crate) fn divisor(unit: &str) -> String {
+    if unit.contains(['/', ' ']) { format!("({unit})") } else { unit.to_owned() }
 }
 
 /// A number with so many significant digits; a dash if it is not finite.
@@ -150,7 +158,10 @@ pub(crate) fn digits(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
-    let power = if value == 0.0 { 0 } else { libm::log10(value.abs()).floor() as i32 };
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let power = libm::log10(value.abs()).floor() as i32;
     if (-4..6).contains(&power) {
         format!("{value:.*}", (digits - 1 - power).max(0) as usize)
     } else {
@@ -210,9 +221,15 @@ mod tests {
     }
 
     #[test]
+    fn a_sentence_begins_with_a_capital_but_a_name_stays() {
+        let shown = ["no rows heat", "heating.BIN: it moves", "A1: off.", "run: off", "imu-b is off", ""].map(sentence);
+        assert_eq!(shown, ["No rows heat.", "heating.BIN: it moves.", "A1: off.", "run: off.", "imu-b is off.", ""]);
+    }
+
+    #[test]
     fn figures_have_their_digits() {
         let shown = [0.0, 0.01234, 1.0, 12.345, 123.45, 12_345.6, 1.234e-7].map(|value| digits(value, 3));
-        assert_eq!(shown, ["0.00", "0.0123", "1.00", "12.3", "123", "12346", "1.23 × 10⁻⁷"]);
+        assert_eq!(shown, ["0", "0.0123", "1.00", "12.3", "123", "12346", "1.23 × 10⁻⁷"]);
         assert_eq!(digits(f64::NAN, 3), "–");
         assert_eq!(with_unit(-3.456e-3, "g0"), "-3.46 mg0");
         assert_eq!(fitting("g0/sqrt(Hz)", 4e-5), (1e6, "ug0/sqrt(Hz)".to_owned()));

@@ -15,6 +15,7 @@ pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
         "Heating and cooling differ where the sensing elements are behind their temperature by a lag, or by hysteresis. A lag has one time constant; hysteresis depends on the \
          temperature alone. A transient is written only where the ramps show a lag.",
     );
+    found.words.iter().skip(1).for_each(|reason| page.paragraph(reason));
     page.key_values(&time_constant(found));
     biases(page, found, unit);
     conditions(page, found);
@@ -29,14 +30,13 @@ pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
     search(page, found);
 }
 
-/// What was decided, and why.
+/// What was decided; the reasons are in [`sections`].
 pub(super) fn verdict(page: &mut Page, found: &Transients) {
     let kind = match found.verdict {
         TransientVerdict::Lag | TransientVerdict::None => NoteKind::Good,
         TransientVerdict::Given | TransientVerdict::Undetermined | TransientVerdict::Hysteresis => NoteKind::Warning,
     };
-    let (title, reasons) = found.words.split_first().map_or(("", &[][..]), |(first, rest)| (first, rest));
-    page.note(kind, title, &reasons.join(" "));
+    page.note(kind, found.words.first().map_or("", String::as_str), "");
 }
 
 /// What the biases were, and what they are with their transients.

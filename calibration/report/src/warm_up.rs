@@ -2,7 +2,7 @@
 
 use crate::findings::findings;
 use crate::json::transients::TransientsView;
-use crate::page::{Cell, Column, NoteKind, Page};
+use crate::page::{Cell, NoteKind, Page};
 use crate::parts::{CURVE_INTERVALS, grid, never_shown, provenance};
 use crate::plot::{Plot, Style};
 use crate::quantity::digits;
@@ -224,8 +224,7 @@ pub(crate) fn fill(page: &mut Page, campaign: &Campaign, calibration: &WarmUpCal
     if has_band {
         page.note(NoteKind::Good, "Error known", "It is half of the band between heating and cooling.");
     } else {
-        let text =
-            "No recordings heat and cool over half of the range. The last columns of the table do not replace that.";
+        let text = "The last columns of the table do not replace a band between heating and cooling.";
         page.note(NoteKind::Warning, "Error not known", text);
     }
     page.findings(&calibration.ramps.findings, |_| String::new());
@@ -302,33 +301,39 @@ fn headline(calibration: &WarmUpCalibration) -> String {
 
 fn before_and_after(page: &mut Page, calibration: &WarmUpCalibration) {
     let gravity = calibration.table().content().gravity;
-    type Row<'a> = (&'a BiasCurve, &'a str, Spread, [f64; 3]);
-    let rows = calibration.biases.iter().flat_map(|bias| {
+    let number = |bias: &BiasCurve, value: f64| Cell::Number(digits(value * page_unit(bias, gravity).0, 3));
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in calibration.biases.iter().flat_map(others) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let row = |bias: &BiasCurve| {
+        let mut cells = vec![
+            Cell::text(bias.name()),
+            Cell::text(page_unit(bias, gravity).1),
+            number(bias, bias.before.sd),
+            number(bias, bias.after.sd),
+            Cell::number(bias.before.sd / bias.after.sd, 1),
+        ];
+        let left = |name: &&str| others(bias).find(|other| other.0 == *name).map_or(f64::NAN, |other| other.1.sd);
+        cells.extend(names.iter().map(|name| number(bias, left(name))));
         let band = bias.band.as_ref().map_or(f64::NAN, |band| band.half_width);
-        let own = (bias, "Isotherm", bias.after, [band, bias.interval, bias.behind]);
-        core::iter::once(own).chain(others(bias).map(move |(name, spread)| (bias, name, spread, [f64::NAN; 3])))
-    });
-    let number = |row: &Row<'_>, value: f64| Cell::Number(digits(value * page_unit(row.0, gravity).0, 3));
-    let behind = format!("If {BEHIND_S} s late, +-");
-    let columns: [Column<'_, Row<'_>>; 10] = [
-        ("Axis", &|row| Cell::text(row.0.name())),
-        ("Curve of", &|row| Cell::text(row.1)),
-        ("Unit", &|row| Cell::text(page_unit(row.0, gravity).1)),
-        ("Before", &|row| number(row, row.0.before.sd)),
-        ("After", &|row| number(row, row.2.sd)),
-        ("Factor", &|row| Cell::number(row.0.before.sd / row.2.sd, 1)),
-        ("Largest left", &|row| number(row, row.2.largest)),
-        ("Band, +-", &|row| number(row, row.3[0])),
-        ("95 % of noise, +-", &|row| number(row, row.3[1])),
-        (&behind, &|row| number(row, row.3[2])),
-    ];
+        cells.extend([bias.after.largest, band, bias.interval, bias.behind].map(|value| number(bias, value)));
+        cells
+    };
+    let after: Vec<_> = names.iter().map(|name| format!("After: {name}")).collect();
+    let behind = format!("{BEHIND_S} s of lag, +-");
+    let mut header = vec!["Axis", "Unit", "Before", "After", "Factor"];
+    header.extend(after.iter().map(String::as_str));
+    header.extend(["Largest left", "Band, +-", "Noise, +-", &behind]);
     let caption = format!(
-        "Before and after: standard deviation of the bias over temperature, from means of bins of {} {}. Error of the curve: half the band between \
-         heating and cooling; from noise only; and what a lag of {BEHIND_S} s behind the temperature would add",
+        "Before and after: standard deviation of the bias over temperature, from means of bins of {} {}. Errors of the curve: half the band between \
+         heating and cooling; 95 % from noise only; and what a lag of {BEHIND_S} s behind the temperature would add",
         digits(calibration.bin, 3),
         calibration.table().content().temperature_unit
     );
-    page.columns(&caption, rows, &columns);
+    page.compact_table(&caption, &header, calibration.biases.iter().map(row).collect());
 }
 
 fn line(curve: &Polynomial, factor: f64) -> Vec<(f64, f64)> {
