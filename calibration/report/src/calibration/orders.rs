@@ -32,7 +32,7 @@ impl CalibrationPage<'_> {
         orders(page, &format!("{title}: orders, in {unit}"), table, factor);
         page.paragraph(&format!("Order {}: {}.", table.choice.order, table.choice.reason));
         let [center, scale] = curve.basis();
-        let power = if curve.is_raw() { format!("{}^k", self.unit()) } else { format!("((U - {center})/{scale})^k") };
+        let power = if curve.is_raw() { format!("{}ᵏ", self.unit()) } else { format!("((U - {center})/{scale})ᵏ") };
         let caption = format!("{title}: coefficients of the table, in {unit} per {power}");
         coefficients(page, &caption, table.chosen(), curve, factor);
         diagnostics(page, &table.diagnostics, factor);
