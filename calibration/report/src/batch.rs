@@ -36,8 +36,11 @@ pub fn html(batch: Result<&Batch, &str>, source: &BatchSource) -> String {
     match batch {
         Ok(batch) => {
             verdict(&mut page, batch);
-            spread(&mut page, batch);
+            distances(&mut page, batch);
             families(&mut page, batch);
+            page.heading(2, "measurement", "Measurement");
+            let gravity = format!("{} m/s2", batch.gravity);
+            page.key_values(&[("Devices", batch.devices.join(", ")), ("1 g0", gravity)]);
         }
         Err(reason) => page.note(NoteKind::Warning, "No statistics", reason),
     }
@@ -56,14 +59,9 @@ fn verdict(page: &mut Page, batch: &Batch) {
         page.note(kind, "Devices that stand out", &line);
     }
     for line in looked_at(batch) {
-        page.note(NoteKind::Warning, "Look at this", &line);
+        page.note(NoteKind::Warning, "Warning", &line);
     }
     page.paragraph(&batch.power());
-    page.key_values(&[("Devices", batch.devices.join(", ")), ("1 g0", format!("{} m/s2", batch.gravity))]);
-}
-
-fn spread(page: &mut Page, batch: &Batch) {
-    page.heading(2, "spread", "Spread of the devices");
     let number = |it: &Quantity, value: f64| Cell::number(value, it.places);
     let farthest = |it: &Quantity| {
         let sizes = it.t.iter().zip(&batch.devices).filter_map(|(t, unit)| Some(((*t)?, unit)));
@@ -81,6 +79,10 @@ fn spread(page: &mut Page, batch: &Batch) {
     ];
     let caption = format!("{} devices; curves at temperature in {}", batch.devices.len(), batch.temperature_unit);
     page.columns(&caption, &batch.quantities, &columns);
+}
+
+fn distances(page: &mut Page, batch: &Batch) {
+    page.heading(2, "spread", "Spread of the devices");
     page.paragraph(
         "t: a device's value less the mean of the others, over the standard deviation of such a difference. It is judged by Student's t with two degrees of \
          freedom less than there are devices; 5 % are shared among all devices and quantities. Devices are taken out one at a time, a quarter at most.",
@@ -105,7 +107,7 @@ fn families(page: &mut Page, batch: &Batch) {
         ("Curve", &|(name, _)| Cell::text(*name)),
         ("rms left / rms alone", &|(_, family)| Cell::number(family.ratio(), 2)),
         ("Devices that gain", &|(_, family)| Cell::Number(gains(family))),
-        ("", &|(_, family)| Cell::text(if family.is_useful() { "useful" } else { "not useful" })),
+        ("Verdict", &|(_, family)| Cell::text(if family.is_useful() { "useful" } else { "not useful" })),
     ];
     let families = batch.curves.iter().filter_map(|curve| Some((&curve.name, curve.family.as_ref()?)));
     page.columns("What the mean of the others leaves", families, &columns);

@@ -13,7 +13,7 @@ mod triad;
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
 use crate::calibration::parts::{CalibrationPage, angle, remark};
-use crate::parts::{NAVIGATION, navigation, provenance};
+use crate::parts::{NAVIGATION, navigation, never_shown, provenance};
 use isotherm_campaign::{Campaign, Dwell, Position};
 use isotherm_fit::{CalibratedTriad, Calibration, CampaignSource};
 use isotherm_shared::table::AXIS_NAMES;
@@ -47,6 +47,7 @@ pub fn html(
     report.dwells(&mut page);
     report.turns(&mut page);
     report.positions(&mut page);
+    report.measurement(&mut page);
     report.provenance(&mut page);
     page.finish()
 }
@@ -94,6 +95,11 @@ impl CalibrationPage<'_> {
     fn result(&self, page: &mut Page) {
         page.heading(2, "result", "Result");
         self.headline(page);
+    }
+
+    /// What was measured, and how the table was made of it.
+    fn measurement(&self, page: &mut Page) {
+        page.heading(2, "measurement", "Measurement");
         page.key_values(&[self.facts(), self.gyroscope_facts()].concat());
     }
 
@@ -102,7 +108,6 @@ impl CalibrationPage<'_> {
         let order = calibration.options.order.map_or_else(|| "auto".to_owned(), |order| format!("{order}, asked for"));
         let conditions = calibration.observability.iter().map(|o| format!("{:.1}", o.condition));
         let mut rows = vec![
-            ("Table", calibration.table.digest().to_string()),
             ("IMU", campaign.imu.to_string()),
             ("Serial", campaign.serial.clone().unwrap_or_else(|| "not stated".to_owned())),
             ("Set points", calibration.set_points.len().to_string()),
@@ -115,10 +120,10 @@ impl CalibrationPage<'_> {
             ("Condition of the positions", conditions.collect::<Vec<_>>().join(", ")),
         ];
         if let Some([x, y]) = calibration.solution.tilt {
-            rows.push(("Tilt of the base", format!("{:.2}e-6, {:.2}e-6 rad about X, Y", x * 1e6, y * 1e6)));
+            rows.push(("Tilt of the base", format!("{:.2}e-6 rad about X, {:.2}e-6 rad about Y", x * 1e6, y * 1e6)));
         }
         let residuals = (0..AXES).map(|axis| format!("{:.3}", calibration.residual_sd(axis) * 1e6));
-        rows.push(("Residuals, rms", format!("{} [1e-6 g0]", residuals.collect::<Vec<_>>().join(", "))));
+        rows.push(("Residuals, rms", format!("{} ug0", residuals.collect::<Vec<_>>().join(", "))));
         rows
     }
 
@@ -238,7 +243,7 @@ impl CalibrationPage<'_> {
             lines.map(|(label, value)| navigation(&format!("{name} {label}"), value.unwrap_or(f64::NAN)))
         };
         let rows: Vec<_> = triad.names.into_iter().enumerate().flat_map(of_axis).collect();
-        page.table("Errors and what they cost", &NAVIGATION, &rows);
+        page.compact_table("Errors and what they cost", &NAVIGATION, rows);
     }
 
     fn dwells(&self, page: &mut Page) {
@@ -264,7 +269,7 @@ impl CalibrationPage<'_> {
         let residuals = ["A1 / 1e-6 g0", "A2 / 1e-6 g0", "A3 / 1e-6 g0"];
         let gyroscopes = self.calibration.gyroscopes.iter().flat_map(|_| gyroscopes::RESIDUALS);
         let header: Vec<_> = header.into_iter().chain(residuals).chain(gyroscopes).chain(["Check"]).collect();
-        page.table("Dwells with their residuals", &header, &rows);
+        page.compact_table("Dwells with their residuals", &header, rows);
     }
 
     /// Whether there is a finding about a dwell or turn.
@@ -307,5 +312,10 @@ impl CalibrationPage<'_> {
         let samples = self.campaign.samples.join(", ");
         let samples = [("Samples", samples.as_str()), ("their SHA-256", &self.source.samples_sha256)];
         provenance(page, self.campaign, self.source, &samples, &self.calibration.table);
+        let parts = [
+            "how good the table is on other data, which verify shows on another recording",
+            "an error that all set points share",
+        ];
+        never_shown(page, &parts.map(str::to_owned));
     }
 }

@@ -4,7 +4,8 @@ mod json;
 mod text;
 mod words;
 
-use crate::comparison::words::{dated, places, probability, slope_interval, which, word};
+use crate::comparison::words::{dated, places, slope_interval, word};
+use crate::parts::file_names;
 pub use json::document;
 pub use text::text;
 
@@ -37,12 +38,17 @@ pub fn html(comparison: &Comparison, source: &ComparisonSource) -> String {
     let mut rows = vec![("Tool".to_owned(), source.tool.clone()), ("Time".to_owned(), source.time.clone())];
     rows.extend(comparison.tables.iter().map(|table| (dated(table), table.table.digest().to_string())));
     page.key_values(&rows);
+    page.paragraph(NOT_IN_THE_ERRORS);
     page.finish()
 }
 
 fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
     page.heading(2, "result", "Result");
-    page.paragraph(&format!("{}.", which(comparison)));
+    let [new, old] = [comparison.new_table(), comparison.old_table()].map(|table| file_names(&dated(table)));
+    page.paragraph(&match comparison.tables.len() {
+        2 => format!("The new table, {new}, less the old one, {old}."),
+        count => format!("The newest of {count} tables, {new}, less the oldest, {old}."),
+    });
     let kind = match (comparison.changed().is_empty(), comparison.has_errors()) {
         (true, true) => NoteKind::Good,
         _ => NoteKind::Warning,
@@ -56,27 +62,27 @@ fn result(page: &mut Page, comparison: &Comparison, source: &ComparisonSource) {
         };
         page.note(kind, word, &judgement.message);
     }
-    page.findings(&comparison.findings);
+    page.findings(&comparison.findings, |_| String::new());
     for note in &comparison.notes {
-        page.note(NoteKind::Warning, "Look at this", note);
+        page.note(NoteKind::Warning, "Warning", note);
     }
-    page.paragraph(NOT_IN_THE_ERRORS);
-}
-
-fn curves(page: &mut Page, comparison: &Comparison) {
-    page.heading(2, "curves", "Curves");
+    let at = format!("at / {}", comparison.new_table().table.content().temperature_unit);
     let columns: [Column<'_, &CurveComparison>; 9] = [
         ("Curve", &|it| Cell::text(it.name())),
         ("Unit", &|it| Cell::text(it.unit)),
         ("Mean", &|it| Cell::number(it.mean(), places(it.unit))),
         ("Largest", &|it| Cell::number(it.largest().0, places(it.unit))),
-        ("at", &|it| Cell::number(it.largest().1, 3)),
+        (&at, &|it| Cell::number(it.largest().1, 3)),
         ("Standard error", &|it| Cell::known(it.standard_error(), places(it.unit))),
         ("At least", &|it| Cell::known(it.lower(), places(it.unit))),
         ("At most", &|it| Cell::known(it.upper(), places(it.unit))),
         ("By more than the errors", &|it| Cell::text(word(it.is_changed()))),
     ];
     page.columns("Differences over the common range, new less old", &comparison.curves, &columns);
+}
+
+fn curves(page: &mut Page, comparison: &Comparison) {
+    page.heading(2, "curves", "Curves");
     page.paragraph(
         "Biases in ug0 of 9.80665e-6 m/s2 or in deg/h, scale factors in ppm of the old one. At least, at most: the largest difference with the band \
          of both tables' errors, which holds the whole curve. Standard error: the median over the range.",
@@ -104,7 +110,7 @@ fn alignments(page: &mut Page, comparison: &Comparison) {
             Cell::Number(format!("{value:.3}{half}"))
         };
         let columns: [Column<'_, usize>; 4] = [
-            ("", &|i| Cell::text(format!("Row {}", i + 1))),
+            ("Row", &|i| Cell::text((i + 1).to_string())),
             ("Column 1", &|i| entry(*i, 0)),
             ("Column 2", &|i| entry(*i, 1)),
             ("Column 3", &|i| entry(*i, 2)),
@@ -124,23 +130,20 @@ fn trends(page: &mut Page, comparison: &Comparison) {
         let places = places(it.unit);
         Cell::Number(format!("{:.places$} ± {:.places$}", it.slope, slope_interval(it)))
     };
-    let columns: [Column<'_, &Trend>; 6] = [
+    let columns: [Column<'_, &Trend>; 5] = [
         ("Curve", &|it| Cell::text(it.name())),
         ("Unit", &|it| Cell::text(format!("{}/year", it.unit))),
         ("Slope", &|it| slope(it)),
         ("Standard error", &|it| Cell::number(it.slope_error, places(it.unit))),
-        ("p", &|it| Cell::Number(probability(it))),
         ("At temperature", &|it| Cell::number(it.temperature, 3)),
     ];
     let caption = "Straight lines over the dates, at the middle of the common range";
     page.columns(caption, &comparison.trends, &columns);
     let weighted = comparison.trends.iter().all(|trend| trend.standard_errors.is_some());
     page.paragraph(if weighted {
-        "Each value weighs by its error. The slope's interval is 95 %; its error is that of the scatter where this is larger. p: the probability of \
-         such a slope where there is none."
+        "Each value weighs by its error. The slope's interval is 95 %; its error is that of the scatter where this is larger."
     } else {
-        "Not all errors are known, so all values weigh the same. The slope's interval is 95 %, from the scatter. p: the probability of such a slope \
-         where there is none."
+        "Not all errors are known, so all values weigh the same. The slope's interval is 95 %, from the scatter."
     });
     let first = comparison.old_table().origin.time.as_deref().unwrap_or_default();
     let figure = |trend: &Trend| {

@@ -9,7 +9,7 @@
 //!
 //! let mut page = Page::new("Bias", "imu-a");
 //! let rows = [vec![Cell::text("A1"), Cell::number(793.55, 2)]];
-//! page.table("At 0 V", &["", "Bias / ug0"], &rows);
+//! page.table("At 0 V", &["Axis", "Bias / ug0"], &rows);
 //! let bias = (0..10).map(|i| f64::from(i) / 2.0).map(|temperature| (temperature, 793.55 - 1074.7 * temperature));
 //! let plot = Plot::new("Bias", "Temperature / V", "Bias / ug0").series("A1", Style::Line, bias);
 //! page.figure(&plot.svg(), "Bias over temperature");
@@ -30,6 +30,7 @@ pub mod outcome;
 mod page;
 mod parts;
 mod plot;
+mod quantity;
 pub mod ramps;
 mod shown;
 mod svg;
@@ -43,5 +44,5 @@ pub mod verification;
 mod view;
 pub mod warm_up;
 
-pub use page::{Cell, NoteKind, Page, first_screen, framed};
+pub use page::{Cell, NoteKind, Page, first_screen, framed, with_files};
 pub use plot::{Plot, Style};

@@ -2,6 +2,7 @@
 //! direction.
 
 use super::plot::{Plot, Style};
+use super::quantity::digits;
 use isotherm_statistics::{LoopPoint, band};
 use maud::Markup;
 
@@ -37,15 +38,9 @@ pub(crate) fn pictures(
 /// The band of the points in words.
 fn caption(unit: &str, factor: f64, points: &[LoopPoint]) -> String {
     match band(points) {
-        Some(band) => format!("hysteresis band {} {unit}.", three_digits(band * factor)),
+        Some(band) => format!("hysteresis band {} {unit}.", digits(band * factor, 3)),
         None => "heating and cooling share no temperature, no hysteresis band.".to_owned(),
     }
-}
-
-/// The value with three digits at least.
-fn three_digits(value: f64) -> String {
-    let digits_before_point = libm::log10(value.abs().max(1e-9)).floor() as i32;
-    format!("{value:.*}", (2 - digits_before_point).clamp(0, 6) as usize)
 }
 
 #[cfg(test)]
@@ -94,11 +89,5 @@ mod tests {
             assert_well_formed(&svg.0);
             assert!(caption.ends_with("share no temperature, no hysteresis band."), "{caption}");
         }
-    }
-
-    #[test]
-    fn figures_have_three_digits() {
-        let shown = [0.0, 0.01234, 1.0, 12.345, 123.45, 12_345.6].map(three_digits);
-        assert_eq!(shown, ["0.000000", "0.0123", "1.00", "12.3", "123", "12346"]);
     }
 }

@@ -110,26 +110,31 @@ view! { MagnitudeView<'a>(magnitude: &'a Magnitude) {
 pub fn html(table: &CoefficientTable, magnitudes: &Magnitudes, source: &VerificationSource) -> String {
     let title = format!("Verification of {} by static poses", table.content().imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
-    result(&mut page, table, magnitudes, source);
+    result(&mut page, magnitudes, source);
     static_poses(&mut page, magnitudes);
-    page.finish()
-}
-
-fn result(page: &mut Page, table: &CoefficientTable, magnitudes: &Magnitudes, source: &VerificationSource) {
-    page.heading(2, "result", "Result");
-    parts::own_recording(page, magnitudes.made_the_table);
-    let largest = magnitudes.largest();
-    let error = shown(largest.error.value, largest.error.interval);
+    page.heading(2, "provenance", "Provenance");
     page.key_values(&[
         ("Static poses", counts(magnitudes)),
         ("Local gravity", magnitudes.gravity_source.to_string()),
         ("Shown", magnitudes.shown.to_string()),
-        ("Largest error", format!("{error}e-6 g0, static pose {}", largest.reading.number)),
-        ("Mean error", format!("{}e-6 g0", shown(magnitudes.mean.value, magnitudes.mean.interval))),
-        ("Rms error", format!("{:.3}e-6 g0", magnitudes.rms * 1e6)),
+        ("Recording", source.recording.clone()),
         ("Table", table.digest().to_string()),
     ]);
     page.paragraph(&format!("This is {NOT_JUDGED}."));
+    page.finish()
+}
+
+fn result(page: &mut Page, magnitudes: &Magnitudes, source: &VerificationSource) {
+    page.heading(2, "result", "Result");
+    parts::own_recording(page, magnitudes.made_the_table);
+    let largest = magnitudes.largest();
+    page.paragraph(&format!(
+        "The output is longer or shorter than local gravity by {} ug0 at most, in static pose {}; by {} ug0 in the mean, and by {:.3} ug0 rms.",
+        shown(largest.error.value, largest.error.interval),
+        largest.reading.number,
+        shown(magnitudes.mean.value, magnitudes.mean.interval),
+        magnitudes.rms * 1e6
+    ));
     for judgement in source.required.iter().flat_map(|required| magnitudes.judge(required)) {
         let (kind, title) = if judgement.met { (NoteKind::Good, "Met") } else { (NoteKind::Bad, "Not met") };
         page.note(kind, title, &judgement.message);

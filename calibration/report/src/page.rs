@@ -6,7 +6,8 @@
 //! prints in the light palette.
 
 use crate::plot::Plot;
-use isotherm_support::finding::Finding;
+use crate::quantity::{printed, sentence};
+use isotherm_support::finding::{Finding, Severity};
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 const STYLE: &str = include_str!("style.css");
@@ -14,8 +15,8 @@ const STYLE: &str = include_str!("style.css");
 /// A cell with a longer text does not become narrow where the page is.
 const LONG_TEXT: usize = 40;
 
-/// The verdict of a note or a table cell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The verdict of a note or a table cell, the gravest last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum NoteKind {
     /// No fault was found.
     Good,
@@ -76,6 +77,11 @@ impl Cell {
         Self::number(value.unwrap_or(f64::NAN), decimals)
     }
 
+    fn words(&self) -> &str {
+        let (Self::Text(text) | Self::Number(text) | Self::Verdict(_, text)) = self;
+        text
+    }
+
     fn class(&self) -> Option<&'static str> {
         match self {
             Self::Text(text) => (text.len() > LONG_TEXT).then_some("long"),
@@ -88,8 +94,8 @@ impl Cell {
 impl Render for Cell {
     fn render(&self) -> Markup {
         match self {
-            Self::Text(text) | Self::Number(text) => html! { (text) },
-            Self::Verdict(kind, text) => html! { (kind) (text) },
+            Self::Text(text) | Self::Number(text) => html! { (printed(text)) },
+            Self::Verdict(kind, text) => html! { (kind) (printed(text)) },
         }
     }
 }
@@ -97,17 +103,43 @@ impl Render for Cell {
 /// A column of a table: its title, and the cell of an item.
 pub(crate) type Column<'a, T> = (&'a str, &'a dyn Fn(&T) -> Cell);
 
+/// Where the first section of a document ends that [`Page::finish`] made.
+fn first_section_end(document: &str) -> usize {
+    // No text of a document has a bare `<`, so these are its own tags.
+    let second = document.match_indices("<h2").nth(1).map(|(place, _)| place);
+    second.or_else(|| document.rfind("</main>")).unwrap_or(document.len())
+}
+
 /// The first screen of a document that [`Page::finish`] made: its title and its first section, without contents.
 #[must_use]
 pub fn first_screen(document: &str) -> String {
-    // No text of a document has a bare `<`, so these are its own tags.
-    let (head, rest) = document.split_once("<nav").unwrap_or((document, ""));
-    let after_contents = rest.split_once("</nav>").map_or("", |(_, main)| main);
-    let mut headings = after_contents.match_indices("<h2").map(|(place, _)| place).skip(1);
-    match headings.next() {
-        Some(second) => format!("{head}{}</main></body></html>\n", &after_contents[..second]),
-        None => format!("{head}{after_contents}"),
+    let (head, rest) = document[..first_section_end(document)].split_once("<nav").unwrap_or((document, ""));
+    match rest.split_once("</nav>") {
+        Some((_, first)) => format!("{head}{first}</main></body></html>\n"),
+        None => document.to_owned(),
     }
+}
+
+/// The document with files that a reader can save from its first section, each a name and a text. A browser that shows
+/// the document in a frame without rights, as a notebook does, saves nothing.
+#[must_use]
+pub fn with_files(document: &str, files: &[(&str, &str)]) -> String {
+    let encoded = |text: &str| -> String {
+        let byte = |byte: u8| match byte {
+            b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z' | b'-' | b'_' | b'.' => char::from(byte).to_string(),
+            _ => format!("%{byte:02X}"),
+        };
+        text.bytes().map(byte).collect()
+    };
+    let links = html! {
+        @if !files.is_empty() {
+            p.files { "Save the parameters: " @for (name, text) in files {
+                a download=(name) href={ "data:text/plain;charset=utf-8," (encoded(text)) } { (name) } " "
+            } }
+        }
+    };
+    let (first, rest) = document.split_at(first_section_end(document));
+    format!("{first}{}{rest}", links.into_string())
 }
 
 /// A document as a part of another page, as a notebook shows it: in a frame of its own, so that neither style changes
@@ -128,6 +160,8 @@ pub struct Page {
     body: String,
     headings: Vec<Heading>,
     tables: usize,
+    /// Notes without anything between them.
+    notes: Vec<(NoteKind, Markup)>,
     reload_s: Option<u32>,
     /// Whether further headings are below that of a part.
     in_part: bool,
@@ -145,7 +179,16 @@ impl Page {
     #[must_use]
     pub fn new(title: &str, subtitle: &str) -> Self {
         let [title, subtitle] = [title, subtitle].map(String::from);
-        Self { title, subtitle, body: String::new(), headings: Vec::new(), tables: 0, reload_s: None, in_part: false }
+        Self {
+            title,
+            subtitle,
+            body: String::new(),
+            headings: Vec::new(),
+            tables: 0,
+            notes: Vec::new(),
+            reload_s: None,
+            in_part: false,
+        }
     }
 
     /// Makes a browser reload the document every `seconds`.
@@ -154,8 +197,18 @@ impl Page {
     }
 
     fn add(&mut self, part: &Markup) {
+        self.flush_notes();
         self.body += &part.0;
         self.body.push('\n');
+    }
+
+    /// The gravest of the notes first.
+    fn flush_notes(&mut self) {
+        self.notes.sort_by_key(|(kind, _)| core::cmp::Reverse(*kind));
+        for (_, note) in self.notes.drain(..) {
+            self.body += &note.0;
+            self.body.push('\n');
+        }
     }
 
     /// Begins a part, with a heading of level 2. Further headings are below it, until the next part begins.
@@ -169,6 +222,7 @@ impl Page {
     /// identifier must not contain are replaced, and a repeated identifier gets a number.
     pub fn heading(&mut self, level: u8, id: &str, title: &str) {
         let level = (level + u8::from(self.in_part)).clamp(2, 3);
+        let title = printed(title);
         let valid = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
         let base: String = format!("s-{}", id.chars().map(valid).collect::<String>());
         let mut id = base.clone();
@@ -181,33 +235,47 @@ impl Page {
             2 => html! { h2 id=(id) { (title) } },
             _ => html! { h3 id=(id) { (title) } },
         });
-        self.headings.push(Heading { level, id, title: title.into() });
+        self.headings.push(Heading { level, id, title });
     }
 
     /// Adds a paragraph.
     pub fn paragraph(&mut self, text: &str) {
-        self.add(&html! { p { (text) } });
+        self.add(&html! { p { (printed(text)) } });
     }
 
-    /// Adds a box with a title and a text, which may be empty.
+    /// Adds a box with a title and a text, which may be empty. Of boxes that follow each other the gravest is the first.
     pub fn note(&mut self, kind: NoteKind, title: &str, text: &str) {
-        self.add(&html! {
+        let note = html! {
             div class={ "note " (kind.class()) } role="note" {
-                p.verdict { (kind) (title) }
-                @if !text.is_empty() { p { (text) } }
+                p.verdict { (kind) (printed(title)) }
+                @for line in text.lines() { p { (printed(line)) } }
             }
-        });
+        };
+        self.notes.push((kind, note));
     }
 
-    /// Adds a note for each finding.
-    pub(crate) fn findings(&mut self, findings: &[Finding]) {
-        findings.iter().for_each(|finding| self.note(NoteKind::Warning, "Look at this", &finding.to_string()));
+    /// Adds a note for the findings of each name. `place` is what stands in front of the text of one.
+    pub(crate) fn findings(&mut self, findings: &[Finding], place: impl Fn(&Finding) -> String) {
+        let mut names: Vec<_> = findings.iter().map(|it| (it.severity, it.name)).collect();
+        names.dedup();
+        for (index, &(severity, name)) in names.iter().enumerate() {
+            if names[..index].contains(&(severity, name)) {
+                continue;
+            }
+            let (kind, title) = match severity {
+                Severity::Fault => (NoteKind::Bad, "Fault"),
+                Severity::Warning => (NoteKind::Warning, "Warning"),
+            };
+            let same = findings.iter().filter(|it| (it.severity, it.name) == (severity, name));
+            let lines: Vec<_> = same.map(|finding| sentence(&format!("{}{finding}", place(finding)))).collect();
+            self.note(kind, &format!("{title} [{name}]"), &lines.join("\n"));
+        }
     }
 
     /// Adds a list of names and values.
     pub fn key_values<K: AsRef<str>, V: AsRef<str>>(&mut self, rows: &[(K, V)]) {
         self.add(&html! {
-            dl { @for (key, value) in rows { div { dt { (key.as_ref()) } dd { (value.as_ref()) } } } }
+            dl { @for (key, value) in rows { div { dt { (printed(key.as_ref())) } dd { (printed(value.as_ref())) } } } }
         });
     }
 
@@ -221,12 +289,12 @@ impl Page {
         // The caption stays in place when the table scrolls.
         self.add(&html! {
             div.table {
-                p.caption id=(id) { (caption) }
+                p.caption id=(id) { (printed(caption)) }
                 div.scroll role="region" tabindex="0" aria-labelledby=(id) {
                     table aria-labelledby=(id) {
                         thead { tr {
                             @for (column, title) in header.iter().enumerate() {
-                                th scope="col" class=[number(column).then_some("number")] { (column_title(title)) }
+                                th scope="col" class=[number(column).then_some("number")] { (column_title(&printed(title))) }
                             }
                         } }
                         tbody { @for row in rows { tr {
@@ -245,7 +313,30 @@ impl Page {
     pub(crate) fn columns<T>(&mut self, caption: &str, items: impl IntoIterator<Item = T>, columns: &[Column<'_, T>]) {
         let header: Vec<_> = columns.iter().map(|(title, _)| *title).collect();
         let row = |item: T| columns.iter().map(|(_, cell)| cell(&item)).collect();
-        self.table(caption, &header, &items.into_iter().map(row).collect::<Vec<_>>());
+        self.compact_table(caption, &header, items.into_iter().map(row).collect());
+    }
+
+    /// Adds a table without the columns that say nothing: of one that is the same in every row, and is not empty, the
+    /// caption has the value.
+    pub(crate) fn compact_table(&mut self, caption: &str, header: &[&str], mut rows: Vec<Vec<Cell>>) {
+        let (mut caption, mut header) = (caption.to_owned(), header.to_vec());
+        for column in (1..header.len()).rev() {
+            let cell = |row: &Vec<Cell>| row.get(column).map_or_else(String::new, |cell| cell.words().to_owned());
+            let Some(first) = rows.first().map(cell) else { break };
+            let is_empty = matches!(first.as_str(), "" | "-" | "–");
+            if !rows.iter().all(|row| cell(row) == first) || rows.len() < 3 && !is_empty {
+                continue;
+            }
+            let title = header.remove(column);
+            if !is_empty {
+                let title = if title.is_empty() { String::new() } else { format!("{title}: ") };
+                caption = format!("{caption}; {title}{first} in every row");
+            }
+            for row in rows.iter_mut().filter(|row| row.len() > column) {
+                row.remove(column);
+            }
+        }
+        self.table(&caption, &header, &rows);
     }
 
     /// Adds figures without captions, side by side as far as the width allows.
@@ -274,7 +365,8 @@ impl Page {
 
     /// The document as HTML. Control characters and characters that change the direction of text become U+FFFD.
     #[must_use]
-    pub fn finish(self) -> String {
+    pub fn finish(mut self) -> String {
+        self.flush_notes();
         let document = html! {
             (DOCTYPE)
             html lang="en" {
@@ -317,7 +409,7 @@ fn column_title(title: &str) -> Markup {
 }
 
 fn figure(svg: &Markup, caption: &str) -> Markup {
-    html! { figure { (svg) @if !caption.is_empty() { figcaption { (caption) } } } }
+    html! { figure { (svg) @if !caption.is_empty() { figcaption { (printed(caption)) } } } }
 }
 
 fn is_hidden(c: char) -> bool {
@@ -397,6 +489,50 @@ pub(super) mod tests {
         assert_eq!((frame.matches('<').count(), frame.matches("<iframe").count()), (2, 1));
         let alone = Page::new("t", "").finish();
         assert_eq!(first_screen(&alone), alone);
+    }
+
+    #[test]
+    fn files_are_saved_from_the_first_section_and_stay_text() {
+        let mut page = Page::new("t", "");
+        page.heading(2, "result", "Result");
+        page.heading(2, "more", "More");
+        let page = page.finish();
+        let with = with_files(&page, &[(EVIL, "A 1\n<script>é\"")]);
+        assert_well_formed(&with.replace("<!DOCTYPE html>", ""));
+        let link = "href=\"data:text/plain;charset=utf-8,A%201%0A%3Cscript%3E%C3%A9%22\"";
+        assert!(first_screen(&with).contains(link), "{with}");
+        assert_eq!(with_files(&page, &[]), page);
+    }
+
+    #[test]
+    fn of_boxes_the_gravest_is_the_first() {
+        let mut page = Page::new("t", "");
+        page.note(NoteKind::Good, "good", "");
+        let warning = Finding::warning("level", "w".to_owned());
+        page.findings(&[warning.clone(), Finding::fault("interval", "f".to_owned()), warning], |_| {
+            "line 1: ".to_owned()
+        });
+        page.paragraph("after");
+        page.note(NoteKind::Bad, "last", "");
+        let page = page.finish();
+        let places = ["[interval]", "[level]", "good</p>", "<p>after", "last</p>"].map(|text| page.find(text));
+        assert_eq!((page.matches("[level]").count(), page.matches("<p>Line 1: w.</p>").count()), (1, 2));
+        assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{places:?} {page}");
+    }
+
+    #[test]
+    fn columns_that_say_nothing_are_not_there() {
+        let table = |rows: &[[&str; 4]]| {
+            let mut page = Page::new("t", "");
+            let rows = rows.iter().map(|row| row.iter().map(|text| Cell::text(*text)).collect()).collect();
+            page.compact_table("Caption", &["axis", "unit", "none", "value"], rows);
+            page.finish()
+        };
+        let page = table(&[["x", "V", "-", "1"], ["y", "V", "-", "2"], ["z", "V", "-", "1"]]);
+        assert!(page.contains("Caption; unit: V in every row</p>") && !page.contains(">none<"), "{page}");
+        assert_eq!((page.matches("<th").count() - 1, page.matches("<td").count()), (2 + 3, 3));
+        let page = table(&[["x", "V", "-", "1"], ["y", "V", "-", "2"]]);
+        assert!(page.contains("<th scope=\"col\">unit") && !page.contains("in every row"), "{page}");
     }
 
     #[test]

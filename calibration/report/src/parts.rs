@@ -31,8 +31,14 @@ pub(crate) fn first_line(made_the_table: bool) -> String {
 /// The note about a recording that made the table.
 pub(crate) fn own_recording(page: &mut Page, made_the_table: bool) {
     if made_the_table {
-        page.note(NoteKind::Bad, "No evidence", &format!("Look at this: {OWN_RECORDING}."));
+        page.note(NoteKind::Bad, "No evidence", &format!("{OWN_RECORDING}."));
     }
+}
+
+/// Adds the line on what a method never shows, whatever was measured.
+pub(crate) fn never_shown(page: &mut Page, parts: &[String]) {
+    let parts: Vec<_> = parts.iter().map(|part| part.trim_end_matches('.')).collect();
+    page.paragraph(&format!("What this method does not show: {}.", parts.join("; ")));
 }
 
 /// The section on where a table comes from. `samples` are lines on the samples of the positions.

@@ -10,6 +10,7 @@ use maud::{Markup, PreEscaped, html};
 use std::collections::BTreeSet;
 
 use super::axis::{PlotAxis, second_scale, usable};
+use super::quantity::printed;
 use super::svg::{Svg, cut, path, shape, short, text_width};
 use super::thin::{MAX_VERTICES, extremes, scatter, segments};
 
@@ -35,7 +36,8 @@ pub enum Style {
 ///
 /// let points = [(1.0, 0.2), (2.0, f64::NAN), (3.0, -0.1)];
 /// let plot = Plot::new("Residual", "Temperature / V", "Residual / ug0").series("A1", Style::Points,
-/// points).zero_line(); assert!(plot.svg().into_string().contains("Residual / ug0"));
+/// points).zero_line();
+/// assert!(plot.svg().into_string().contains("Residual / µg"));
 /// ```
 #[derive(Clone, Debug)]
 pub struct Plot {
@@ -89,7 +91,7 @@ impl Plot {
     /// A figure without series. Labels are quantity and unit, e.g. "Bias / 1e-6 g0"; a text that is too long is cut.
     #[must_use]
     pub fn new(title: &str, x_label: &str, y_label: &str) -> Self {
-        let [title, x_label, y_label] = [title, x_label, y_label].map(String::from);
+        let [title, x_label, y_label] = [title, x_label, y_label].map(printed);
         Self {
             title,
             x_label,
@@ -107,7 +109,7 @@ impl Plot {
     #[must_use]
     pub fn series(mut self, name: &str, style: Style, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let points = points.into_iter().collect();
-        self.series.push(PlotSeries { name: name.into(), style, points, errors: Vec::new(), band: Vec::new() });
+        self.series.push(PlotSeries { name: printed(name), style, points, errors: Vec::new(), band: Vec::new() });
         self
     }
 
@@ -166,7 +168,7 @@ impl Plot {
     #[must_use]
     pub fn marker(mut self, x: f64, label: &str) -> Self {
         if usable(x) {
-            self.markers.push((x, label.into()));
+            self.markers.push((x, printed(label)));
             self.markers.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
         self
@@ -185,7 +187,7 @@ impl Plot {
     pub fn upper_axis(mut self, label: &str, ticks: impl IntoIterator<Item = (f64, String)>) -> Self {
         let mut ticks: Vec<_> = ticks.into_iter().filter(|tick| usable(tick.0)).collect();
         ticks.sort_by(|a, b| a.0.total_cmp(&b.0));
-        self.upper = (!ticks.is_empty()).then(|| UpperAxis { label: label.into(), ticks });
+        self.upper = (!ticks.is_empty()).then(|| UpperAxis { label: printed(label), ticks });
         self
     }
 

@@ -1,8 +1,8 @@
 //! The report of ramps alone.
 
-use super::page::{NoteKind, Page};
+use super::page::Page;
 use super::plot::{Plot, Style};
-use crate::parts::{CURVE_INTERVALS, grid, provenance};
+use crate::parts::{CURVE_INTERVALS, grid, never_shown, provenance};
 use isotherm_campaign::Campaign;
 use isotherm_fit::{CampaignSource, RampCalibration, TriadUnits, axis_of};
 use isotherm_shared::table::Axis;
@@ -14,20 +14,20 @@ pub fn html(campaign: &Campaign, calibration: &RampCalibration, source: &Campaig
     let mut page = Page::new(&title, &format!("{} · {} · {}", source.campaign, source.time, source.tool));
     page.heading(2, "result", "Result");
     page.paragraph(&format!("The table has {}.", calibration.accuracy()));
-    for sentence in calibration.not_known() {
-        page.note(NoteKind::Warning, "Not known", &sentence);
-    }
-    page.findings(&calibration.findings);
-    page.key_values(&[
-        ("Table", calibration.table.digest().to_string()),
-        ("IMU", campaign.imu.to_string()),
-        ("Recordings", calibration.recordings.to_string()),
-        ("Curves", calibration.curves.digest().to_string()),
-        ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
-    ]);
+    super::transients::verdict(&mut page, &calibration.transients);
+    page.findings(&calibration.findings, |_| String::new());
+    super::transients::before_after(&mut page, &calibration.transients);
     curves(&mut page, calibration);
     super::transients::sections(&mut page, &calibration.transients, &campaign.temperature_unit);
-    provenance(&mut page, campaign, source, &[], &calibration.table);
+    let curves_digest = calibration.curves.digest().to_string();
+    page.heading(2, "measurement", "Measurement");
+    page.key_values(&[
+        ("IMU", campaign.imu.to_string()),
+        ("Recordings", calibration.recordings.to_string()),
+        ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
+    ]);
+    provenance(&mut page, campaign, source, &[("Curves", curves_digest.as_str())], &calibration.table);
+    never_shown(&mut page, &calibration.not_known());
     page.finish()
 }
 
@@ -47,8 +47,13 @@ fn curves(page: &mut Page, calibration: &RampCalibration) {
         };
         let title = format!("Bias of {}", bias.name());
         let plot = Plot::new(&title, &format!("Head temperature / {unit}"), &format!("Bias / {}", units.bias_on_page));
-        let plot = plot.series("Ramps", Style::Line, line(new)).series("Curves", Style::Line, line(old));
-        figures.push((plot.svg(), String::new()));
+        figures.push(plot.series("Ramps", Style::Line, line(new)).series("Curves", Style::Line, line(old)));
+        let title = format!("{}: ramps less curves", bias.name());
+        let label = format!("Difference / {}", units.bias_on_page);
+        let both = line(new).into_iter().zip(line(old));
+        let difference = both.map(|((u, new), (_, old))| (u, new - old));
+        let plot = Plot::new(&title, &format!("Head temperature / {unit}"), &label).zero_line();
+        figures.push(plot.series("Difference", Style::Line, difference));
     }
-    page.figures(&figures);
+    page.plots(&figures);
 }

@@ -11,13 +11,10 @@ pub(crate) struct FigureFormat {
     /// Decimals.
     pub(crate) places: usize,
     pub(crate) unit: &'static str,
-    /// The unit of hysteresis bands on a page, which is the same in other words.
-    pub(crate) unit_of_band: &'static str,
 }
 
-pub(crate) const MICRO_G0: FigureFormat = FigureFormat { factor: 1e6, places: 3, unit: "1e-6 g0", unit_of_band: "ug0" };
-pub(crate) const DEGREES_PER_HOUR: FigureFormat =
-    FigureFormat { factor: 1.0, places: 4, unit: "deg/h", unit_of_band: "deg/h" };
+pub(crate) const MICRO_G0: FigureFormat = FigureFormat { factor: 1e6, places: 3, unit: "1e-6 g0" };
+pub(crate) const DEGREES_PER_HOUR: FigureFormat = FigureFormat { factor: 1.0, places: 4, unit: "deg/h" };
 pub(crate) const RANDOM_WALK: FigureFormat = FigureFormat { places: 5, unit: "deg/sqrt(h)", ..DEGREES_PER_HOUR };
 
 /// Why samples are flagged.

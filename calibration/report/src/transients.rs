@@ -4,23 +4,18 @@
 use super::loops::pictures;
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
+use super::quantity::digits;
 use isotherm_fit::{BiasTransient, Condition, Prediction, TransientVerdict, Transients, TriadUnits};
 use isotherm_statistics::band;
 
-/// The sections. `unit` is that of the temperature.
+/// The sections but for the [`verdict`], which is on the first screen. `unit` is that of the temperature.
 pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
     page.heading(2, "transients", "Transients");
     page.paragraph(
         "Heating and cooling differ where the sensing elements are behind their temperature by a lag, or by hysteresis. A lag has one time constant; hysteresis depends on the \
          temperature alone. A transient is written only where the ramps show a lag.",
     );
-    let kind = match found.verdict {
-        TransientVerdict::Lag | TransientVerdict::None => NoteKind::Good,
-        TransientVerdict::Given | TransientVerdict::Undetermined | TransientVerdict::Hysteresis => NoteKind::Warning,
-    };
-    let mut words = found.words.iter();
-    page.note(kind, words.next().map_or("", String::as_str), "");
-    words.for_each(|sentence| page.paragraph(sentence));
+    found.words.iter().skip(1).for_each(|reason| page.paragraph(reason));
     page.key_values(&time_constant(found));
     biases(page, found, unit);
     conditions(page, found);
@@ -33,6 +28,37 @@ pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
         page.figures(&pictures(bias.name(), units.bias_on_page, units.bias_factor, &bias.before, &bias.after));
     }
     search(page, found);
+}
+
+/// What was decided; the reasons are in [`sections`].
+pub(super) fn verdict(page: &mut Page, found: &Transients) {
+    let kind = match found.verdict {
+        TransientVerdict::Lag | TransientVerdict::None => NoteKind::Good,
+        TransientVerdict::Given | TransientVerdict::Undetermined | TransientVerdict::Hysteresis => NoteKind::Warning,
+    };
+    page.note(kind, found.words.first().map_or("", String::as_str), "");
+}
+
+/// What the biases were, and what they are with their transients.
+pub(super) fn before_after(page: &mut Page, found: &Transients) {
+    let number = |it: &BiasTransient, value: Option<f64>| {
+        let units = TriadUnits::of(it.kind);
+        Cell::known(value.map(|value| value * units.bias_factor), units.bias_decimals)
+    };
+    let factor = |it: &BiasTransient| band(&it.before).zip(band(&it.after)).map(|(before, after)| before / after);
+    let columns: [Column<'_, &BiasTransient>; 6] = [
+        ("Bias", &|it| Cell::text(it.name())),
+        ("Unit", &|it| Cell::text(TriadUnits::of(it.kind).bias_on_page)),
+        ("Before", &|it| number(it, band(&it.before))),
+        ("After", &|it| number(it, band(&it.after))),
+        ("Factor", &|it| Cell::known(factor(it), 1)),
+        ("Error of the curve, +-", &|it| number(it, it.curve_error.as_ref().map(|band| band.half_width))),
+    ];
+    page.columns(
+        "Hysteresis band between heating and cooling, without and with the transient",
+        &found.biases,
+        &columns,
+    );
 }
 
 fn time_constant(found: &Transients) -> Vec<(&'static str, String)> {
@@ -50,6 +76,7 @@ fn time_constant(found: &Transients) -> Vec<(&'static str, String)> {
     rows
 }
 
+/// The transient of each bias.
 fn biases(page: &mut Page, found: &Transients, unit: &str) {
     let number = |it: &BiasTransient, value: f64| {
         let units = TriadUnits::of(it.kind);
@@ -80,13 +107,7 @@ fn biases(page: &mut Page, found: &Transients, unit: &str) {
 }
 
 fn conditions(page: &mut Page, found: &Transients) {
-    // What matters differs by many powers of ten between biases.
-    let is_power = |it: &Condition| it.name == "matters";
-    let figure = |value: f64| if value.is_finite() { format!("{value:.3}") } else { "–".to_owned() };
-    let limit = |it: &Condition| {
-        let limit = if is_power(it) { format!("{:e}", it.limit) } else { figure(it.limit) };
-        format!("{} {limit}", if it.above { "above" } else { "below" })
-    };
+    let limit = |it: &Condition| format!("{} {}", if it.above { "above" } else { "below" }, digits(it.limit, 3));
     let verdict = |it: &Condition| match (it.met, it.decides) {
         (true, _) => Cell::Verdict(NoteKind::Good, "met".to_owned()),
         (false, true) => Cell::Verdict(NoteKind::Bad, "not met".to_owned()),
@@ -95,11 +116,9 @@ fn conditions(page: &mut Page, found: &Transients) {
     let columns: [Column<'_, (&str, &Condition)>; 5] = [
         ("Of", &|(of, _)| Cell::text(*of)),
         ("Condition", &|(_, it)| Cell::text(it.name)),
-        ("Figure", &|(_, it)| {
-            Cell::Number(if is_power(it) { format!("{:.2e}", it.figure) } else { figure(it.figure) })
-        }),
+        ("Figure", &|(_, it)| Cell::Number(digits(it.figure, 3))),
         ("Must be", &|(_, it)| Cell::text(limit(it))),
-        ("", &|(_, it)| verdict(it)),
+        ("Result", &|(_, it)| verdict(it)),
     ];
     let of_all = found.conditions.iter().map(|condition| ("time constant", condition));
     let of_biases = found.biases.iter().flat_map(|it| it.conditions.iter().map(|condition| (it.name(), condition)));

@@ -3,6 +3,7 @@
 use super::findings::findings;
 use super::page::{Cell, Page};
 use super::plot::{Plot, Style};
+use super::quantity::sentence;
 use super::text::within;
 use super::view::{value, view};
 use crate::parts::grid;
@@ -265,10 +266,24 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     let title = format!("Calibration of {} without a turntable", campaign.imu);
     let mut page = Page::new(&title, &format!("{} · {}", source.time, source.tool));
     page.heading(2, "result", "Result");
+    page.paragraph(&sentence(&calibration.accuracy()));
     let cells = |axis: usize| core::iter::once(AXIS_NAMES[axis].to_owned()).chain(mid_in_words(calibration, axis));
     let rows: Vec<Vec<Cell>> = (0..AXES).map(|axis| cells(axis).map(Cell::text).collect()).collect();
     let header = ["Axis", "Bias / 1e-6 g0", "K+ / (pulse/(s*g0))", "K- / (pulse/(s*g0))"];
     page.table("Values at mid temperature with 95 % intervals", &header, &rows);
+    page.findings(&calibration.findings, |_| String::new());
+    if calibration.unknowns.order > 0 {
+        curves(&mut page, calibration);
+    }
+    residuals(&mut page, calibration);
+    if let Some(rates) = calibration.gyroscope_rates() {
+        page.heading(2, "gyroscopes", "Gyroscopes");
+        page.paragraph("Mean rate over the static poses. Earth's rate is in it; nothing of it goes into the table.");
+        let rows: Vec<_> =
+            GYROSCOPE_NAMES.iter().zip(rates).map(|(name, rate)| (*name, format!("{rate:.4} pulse/s"))).collect();
+        page.key_values(&rows);
+    }
+    page.heading(2, "measurement", "Measurement");
     page.key_values(&[
         ("Static poses", format!("{}, {} too short", calibration.readings.len(), calibration.too_short)),
         ("Groups by file, power-up and temperature", calibration.groups.count.to_string()),
@@ -281,19 +296,6 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
         ("Local gravity", normal_gravity(calibration).unwrap_or_else(|| format!("{} m/s2", campaign.gravity_local))),
         ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
     ]);
-    page.paragraph(&format!("This is {NOT_OBSERVABLE}."));
-    page.findings(&calibration.findings);
-    if calibration.unknowns.order > 0 {
-        curves(&mut page, calibration);
-    }
-    residuals(&mut page, calibration);
-    if let Some(rates) = calibration.gyroscope_rates() {
-        page.heading(2, "gyroscopes", "Gyroscopes");
-        page.paragraph("Mean rate over the static poses. Earth's rate is in it; nothing of it goes into the table.");
-        let rows: Vec<_> =
-            GYROSCOPE_NAMES.iter().zip(rates).map(|(name, rate)| (*name, format!("{rate:.4} pulse/s"))).collect();
-        page.key_values(&rows);
-    }
     page.heading(2, "provenance", "Provenance");
     let digest = calibration.table.digest().to_string();
     let mut rows = vec![("Tool", source.tool.as_str()), ("Time", source.time.as_str()), ("Table", &digest)];
@@ -302,6 +304,7 @@ pub fn html(campaign: &Campaign, calibration: &TumbleCalibration, source: &Campa
     }
     rows.extend(source.recordings_sha256.iter().map(|sha256| ("SHA-256 of a recording", sha256.as_str())));
     page.key_values(&rows);
+    page.paragraph(&format!("This is {NOT_OBSERVABLE}."));
     page.finish()
 }
 

@@ -3,6 +3,7 @@
 use super::loops::pictures;
 use super::page::{Cell, Column, NoteKind, Page};
 use super::plot::{Plot, Style};
+use super::quantity::sentence;
 use super::shown::{DEGREES_PER_HOUR, FLAGGED, FigureFormat, MICRO_G0, RANDOM_WALK, SOAKED, named_errors};
 use crate::parts::{NAVIGATION, file_names, navigation, own_recording};
 use isotherm_shared::table::{AXIS_NAMES, CoefficientTable, GYROSCOPE_NAMES};
@@ -35,13 +36,13 @@ pub fn html(table: &CoefficientTable, stability: &Stability, source: &Verificati
     let title = format!("Verification of {}", table.content().imu);
     let mut page = Page::new(&title, &format!("{} · {} · {}", file_names(&source.recording), source.time, source.tool));
     result(&mut page, table, stability, source);
-    verdict(&mut page, stability);
     figures(&mut page, table, stability);
     page.heading(2, "loops", "Heating and cooling");
     hysteresis(&mut page, AXIS_NAMES, &stability.loops, stability.unsettled_s, MICRO_G0);
     length(&mut page, table, stability);
     budget(&mut page, table, stability);
-    gyroscopes(&mut page, table, stability, source.window_s);
+    gyroscopes(&mut page, table, stability);
+    measurement(&mut page, table, stability);
     page.heading(2, "provenance", "Provenance");
     page.key_values(&[
         ("Tool", source.tool.clone()),
@@ -58,7 +59,8 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     page.heading(2, "result", "Stability");
     own_recording(page, stability.made_the_table);
     page.paragraph(&headline(stability));
-    page.paragraph(&format!("{}.", stability.judged_windows()));
+    let gyroscopes = stability.gyroscopes.as_ref().and_then(|found| found.as_ref().ok());
+    gyroscopes.iter().for_each(|found| page.paragraph(&found.conclusion()));
     for judgement in source.required.iter().flat_map(|required| required.judge(stability)) {
         let (kind, word) =
             if judgement.met { (NoteKind::Good, "Requirement met") } else { (NoteKind::Bad, "Requirement missed") };
@@ -68,15 +70,36 @@ fn result(page: &mut Page, table: &CoefficientTable, stability: &Stability, sour
     warnings(page, table, stability, source.required.is_none());
     let caption = format!("Means over {} s of output less specific force [1e-6 g0]", source.window_s);
     figures_table(page, &caption, AXIS_NAMES, &stability.axes, MICRO_G0);
+    if let Some(found) = gyroscopes {
+        gyroscope_figures(page, found, source.window_s);
+    }
+    let rows: Vec<_> = named_errors(stability).map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
+    let verdict = &stability.verdict;
+    let caption = format!(
+        "Errors of the full model with 95 % intervals, {} groups of {} windows [1e-6 g0], level in urad",
+        verdict.groups, verdict.windows
+    );
+    page.compact_table(&caption, &ERRORS_HEADER, rows);
+}
+
+/// What was measured, and what the figures are.
+fn measurement(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
+    page.heading(2, "measurement", "Measurement");
     page.paragraph(
         "Before: the coefficients frozen at the run's mid temperature. After: the full model. sd: about the mean; rms: about zero. \
          Factor: sd before over sd after.",
     );
+    page.paragraph(
+        "Constant: the mean over the run. Variation: of the mean of a group of windows about it. Worst: the largest mean of a group. \
+         Intervals: 95 %; that of constant from slow changes of the run too, those of variation and worst from the noise, for all groups at once.",
+    );
     page.key_values(&[
+        ("Windows", stability.judged_windows()),
+        ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
         ("Specific force", Force(stability.specific_force).to_string()),
+        ("Local gravity", stability.gravity_source.to_string()),
         ("Frozen at head, board", frozen_at(&stability.middle, table)),
         ("Covered", stability.covered.to_string()),
-        ("Windows at this attitude", format!("{} of {}", counted(stability).count(), stability.windows.len())),
     ]);
 }
 
@@ -103,7 +126,7 @@ fn warnings(page: &mut Page, table: &CoefficientTable, stability: &Stability, no
     let flagged = Some(stability.windows.iter().filter(|window| window.flagged).count()).filter(|count| *count > 0);
     warn(page, "Flagged samples", flagged.map(|count| format!("In {count} windows samples are flagged: {FLAGGED}.")));
     if let Some(reason) = stability.nothing_claimed().filter(|_| nothing_required) {
-        page.note(NoteKind::Bad, "Nothing can be claimed", &format!("Look at this: {reason}."));
+        page.note(NoteKind::Bad, "Nothing can be claimed", &sentence(&reason));
     }
     let hole = stability.covered.hole().map(|hole| format!("No judged window is in {hole}: no error shows there."));
     warn(page, "Not covered", hole);
@@ -118,30 +141,7 @@ fn warnings(page: &mut Page, table: &CoefficientTable, stability: &Stability, no
 }
 
 fn warn(page: &mut Page, title: &str, text: Option<String>) {
-    text.iter().for_each(|text| page.note(NoteKind::Warning, title, text));
-}
-
-/// The errors with their intervals, and the largest of them in words.
-fn verdict(page: &mut Page, stability: &Stability) {
-    page.heading(2, "verdict", "Verdict");
-    let verdict = &stability.verdict;
-    let text = if stability.nothing_claimed().is_some() {
-        "Nothing can be claimed, see above.".to_owned()
-    } else {
-        verdict.conclusion()
-    };
-    page.paragraph(&text);
-    let rows: Vec<_> = named_errors(stability).map(|(name, errors)| errors_row(name, errors, MICRO_G0)).collect();
-    let caption = format!(
-        "Errors of the full model, {} groups of {} windows [1e-6 g0, level 1e-6 rad]",
-        verdict.groups, verdict.windows
-    );
-    page.table(&caption, &ERRORS_HEADER, &rows);
-    page.paragraph(
-        "Constant: the mean over the run. Variation: of the mean of a group of windows about it. Worst: the largest mean of a group. \
-         Intervals: 95 %; that of constant from slow changes of the run too, those of variation and worst from the noise, for all groups at once.",
-    );
-    page.key_values(&[("Local gravity", stability.gravity_source.to_string())]);
+    text.iter().for_each(|text| page.note(NoteKind::Warning, title, &sentence(text)));
 }
 
 fn counted(stability: &Stability) -> impl Iterator<Item = &Window> + Clone {
@@ -165,16 +165,17 @@ fn figures_table(
     let number = |figure: f64| Cell::number(figure * shown.factor, shown.places);
     let columns: [Column<'_, (&str, &AxisStability)>; 6] = [
         ("Axis", &|(name, _)| Cell::text(*name)),
-        ("Factor", &|(_, axis)| Cell::number(axis.factor(), 2)),
         ("sd before", &|(_, axis)| number(axis.sd_before)),
         ("sd after", &|(_, axis)| number(axis.sd_after)),
+        ("Factor", &|(_, axis)| Cell::number(axis.factor(), 2)),
         ("rms before", &|(_, axis)| number(axis.rms_before)),
         ("rms after", &|(_, axis)| number(axis.rms_after)),
     ];
     page.columns(caption, names.into_iter().zip(axes), &columns);
 }
 
-const ERRORS_HEADER: [&str; 6] = ["", "constant", "largest variation", "worst", "noise of a window", "largest window"];
+const ERRORS_HEADER: [&str; 6] =
+    ["Error of", "constant", "largest variation", "worst", "noise of a window", "largest window"];
 
 /// A value with its interval.
 fn estimate(it: Estimate, FigureFormat { factor, places, .. }: FigureFormat) -> Cell {
@@ -204,7 +205,7 @@ struct TriadView<'a> {
 }
 
 /// The gyroscopes, if there are any.
-fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, window_s: f64) {
+fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     let found = match &stability.gyroscopes {
         Some(Ok(found)) => found,
         Some(Err(reason)) => {
@@ -214,12 +215,11 @@ fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, 
         None => return,
     };
     page.heading(2, "gyroscopes", "Gyroscopes");
-    page.paragraph(&found.conclusion());
     warn(page, "Not all is judged", found.missing().map(|parts| parts.join("; ")));
     let misaligned =
         "The table has no alignment matrix of the gyroscopes: what misalignments make of Earth's rate counts.";
     warn(page, "Misalignments count", (!found.aligned).then(|| misaligned.to_owned()));
-    gyroscope_errors(page, found, window_s);
+    gyroscope_errors(page, found);
     let view = TriadView {
         names: GYROSCOPE_NAMES,
         windows: found.windows.iter().filter(|window| window.counts).collect(),
@@ -240,11 +240,15 @@ fn gyroscopes(page: &mut Page, table: &CoefficientTable, stability: &Stability, 
     hysteresis(page, GYROSCOPE_NAMES, &found.loops, stability.unsettled_s, DEGREES_PER_HOUR);
 }
 
-/// The figures and the errors of the gyroscopes.
-fn gyroscope_errors(page: &mut Page, found: &GyroscopeStability, window_s: f64) {
+/// The figures of the gyroscopes.
+fn gyroscope_figures(page: &mut Page, found: &GyroscopeStability, window_s: f64) {
     let what = if found.earth_rate.is_some() { "Earth's rate" } else { "its median" };
     let caption = format!("Means over {window_s} s of output less {what} [deg/h]");
     figures_table(page, &caption, GYROSCOPE_NAMES, &found.axes, DEGREES_PER_HOUR);
+}
+
+/// The errors of the gyroscopes.
+fn gyroscope_errors(page: &mut Page, found: &GyroscopeStability) {
     let rows = GYROSCOPE_NAMES.iter().zip(&found.errors).zip(found.random_walk).map(|((name, errors), walk)| {
         let mut row = errors_row(name, errors, DEGREES_PER_HOUR);
         row.push(estimate(walk, RANDOM_WALK));
@@ -253,7 +257,7 @@ fn gyroscope_errors(page: &mut Page, found: &GyroscopeStability, window_s: f64) 
     let caption =
         format!("Errors of the full model, {} groups of {} windows [deg/h]", found.groups, found.windows_in_group);
     let header: Vec<_> = ERRORS_HEADER.into_iter().chain(["random walk / (deg/sqrt(h))"]).collect();
-    page.table(&caption, &header, &rows.collect::<Vec<_>>());
+    page.compact_table(&caption, &header, rows.collect());
     page.paragraph(
         "As for the accelerometers. The intervals of constant and worst contain the errors of Earth's rate. Random walk: noise of a window times the \
          root of its length, rounding of the pulses included.",
@@ -271,9 +275,11 @@ fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: 
         ("Static model", &|axis| judged(band(axis).map(of_static))),
         ("Full model", &|axis| judged(number(band(axis).map(|band| band.full)))),
         ("Bins", &|axis| judged(band(axis).map(|band| format!("{} of {BINS}", band.bins)))),
-        ("", &|axis| Cell::text(loops.band(*axis).err().map_or_else(String::new, |why| format!("not judged: {why}")))),
+        ("Remark", &|axis| {
+            Cell::text(loops.band(*axis).err().map_or_else(String::new, |why| format!("not judged: {why}")))
+        }),
     ];
-    page.columns(&format!("Hysteresis band [{}]", shown.unit_of_band), 0..AXES, &columns);
+    page.columns(&format!("Hysteresis band [{}]", shown.unit), 0..AXES, &columns);
     page.paragraph(
         "The error in heating less that in cooling, rms over those of 12 bins of temperature that have both. The static model is the table without its \
          transients. Lag, hysteresis and a drift with time all open the loop.",
@@ -284,7 +290,7 @@ fn hysteresis(page: &mut Page, names: [&str; AXES], loops: &Loops, unsettled_s: 
     let figures = (0..AXES).filter(|axis| loops.band(*axis).is_ok()).flat_map(|axis| {
         let full = &loops.full[axis];
         let static_model = loops.static_model.as_ref().map_or(full, |points| &points[axis]);
-        pictures(names[axis], shown.unit_of_band, shown.factor, static_model, full)
+        pictures(names[axis], shown.unit, shown.factor, static_model, full)
     });
     let figures: Vec<_> = figures.collect();
     if !figures.is_empty() {
@@ -415,5 +421,5 @@ fn budget(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
             rows.push(navigation(&format!("{name} one step of board temperature ({step:.2e}), K at 1 g0"), change));
         }
     }
-    page.table("Errors and what they cost", &NAVIGATION, &rows);
+    page.compact_table("Errors and what they cost", &NAVIGATION, rows);
 }

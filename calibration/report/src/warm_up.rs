@@ -2,14 +2,15 @@
 
 use crate::findings::findings;
 use crate::json::transients::TransientsView;
-use crate::page::{Cell, Column, NoteKind, Page};
-use crate::parts::{CURVE_INTERVALS, grid, provenance};
+use crate::page::{Cell, NoteKind, Page};
+use crate::parts::{CURVE_INTERVALS, grid, never_shown, provenance};
 use crate::plot::{Plot, Style};
+use crate::quantity::digits;
 use crate::text::{transients, within};
 use crate::view::{value, view};
 use isotherm_campaign::Campaign;
 use isotherm_fit::{
-    BadKind, BiasCurve, CampaignSource, LagChoice, LeftOutPart, OrderChoice, RowAccount, Spread, SweepPoint,
+    BEHIND_S, BadKind, BiasCurve, CampaignSource, LagChoice, LeftOutPart, OrderChoice, RowAccount, Spread, SweepPoint,
     TriadUnits, TriedOrder, WarmUpCalibration,
 };
 use isotherm_recording::Losses;
@@ -218,26 +219,19 @@ pub fn html(campaign: &Campaign, calibration: &WarmUpCalibration, source: &Campa
 pub(crate) fn fill(page: &mut Page, campaign: &Campaign, calibration: &WarmUpCalibration, source: &CampaignSource) {
     page.heading(2, "result", "Result");
     let has_band = calibration.biases.iter().any(|bias| bias.band.is_some());
-    let is_good = has_band && calibration.ramps.findings.is_empty();
     page.paragraph(&headline(calibration));
     before_and_after(page, calibration);
-    let kind = if is_good { NoteKind::Good } else { NoteKind::Warning };
-    page.note(kind, if has_band { "Error" } else { "Error not known" }, &calibration.accuracy());
-    page.findings(&calibration.ramps.findings);
-    for sentence in calibration.not_known() {
-        page.note(NoteKind::Warning, "Not known", &sentence);
+    if has_band {
+        page.note(NoteKind::Good, "Error known", "It is half of the band between heating and cooling.");
+    } else {
+        let text = "The last columns of the table do not replace a band between heating and cooling.";
+        page.note(NoteKind::Warning, "Error not known", text);
+    }
+    page.findings(&calibration.ramps.findings, |_| String::new());
+    if has_lag(calibration) {
+        crate::transients::verdict(page, &calibration.ramps.transients);
     }
     let unit = &campaign.temperature_unit;
-    page.key_values(&[
-        ("Table", calibration.table().digest().to_string()),
-        ("IMU", campaign.imu.to_string()),
-        ("Recordings", calibration.recordings.join(", ")),
-        ("Sweeps", sweeps(calibration)),
-        ("Order", order_words(&calibration.order)),
-        ("Reference temperature", format!("{:.2} {unit}", calibration.at)),
-        ("Nominal table", calibration.ramps.curves.digest().to_string()),
-        ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
-    ]);
     left_out_section(page, calibration);
     curves(page, calibration, unit);
     residuals(page, calibration, unit);
@@ -245,7 +239,18 @@ pub(crate) fn fill(page: &mut Page, campaign: &Campaign, calibration: &WarmUpCal
     if has_lag(calibration) {
         crate::transients::sections(page, &calibration.ramps.transients, unit);
     }
-    provenance(page, campaign, source, &[], calibration.table());
+    page.heading(2, "measurement", "Measurement");
+    page.key_values(&[
+        ("IMU", campaign.imu.to_string()),
+        ("Recordings", calibration.recordings.join(", ")),
+        ("Sweeps", sweeps(calibration)),
+        ("Order", order_words(&calibration.order)),
+        ("Reference temperature", format!("{:.2} {unit}", calibration.at)),
+        ("1 g0", format!("{} m/s2", campaign.gravity_reference)),
+    ]);
+    let nominal = calibration.ramps.curves.digest().to_string();
+    provenance(page, campaign, source, &[("Nominal table", nominal.as_str())], calibration.table());
+    never_shown(page, &calibration.not_known());
 }
 
 /// `cooling 51.6 to -17.6, heating -17.6 to 74.0`.
@@ -266,64 +271,69 @@ fn left_out_section(page: &mut Page, calibration: &WarmUpCalibration) {
     words.lines().for_each(|line| page.paragraph(line));
 }
 
-/// What the sensor with the smallest factor was, and what it is.
+/// Unit and factor of the figures of a bias: mm/s2 or deg/h.
+fn page_unit(bias: &BiasCurve, gravity: f64) -> (f64, &'static str) {
+    let units = TriadUnits::of(bias.kind);
+    match units.si(1.0, gravity) {
+        (factor, "m/s2") => (factor * 1e3, "mm/s2"),
+        _ => (units.bias_factor, units.bias_on_page),
+    }
+}
+
+/// The bias that gains least, with its factor.
+pub(crate) fn least_gain(calibration: &WarmUpCalibration) -> Option<(&BiasCurve, f64)> {
+    let factors = calibration.biases.iter().map(|bias| (bias, bias.before.sd / bias.after.sd));
+    factors.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// What the bias that gains least was, and what it is.
 fn headline(calibration: &WarmUpCalibration) -> String {
-    let factor = |bias: &&BiasCurve| bias.before.sd / bias.after.sd;
-    let worst = calibration.biases.iter().min_by(|a, b| factor(a).total_cmp(&factor(b)));
-    worst.map_or_else(String::new, |bias| {
-        let (units, gravity) = (TriadUnits::of(bias.kind), calibration.table().content().gravity);
-        let [(before, unit), (after, _)] = [bias.before.sd, bias.after.sd].map(|sd| units.si(sd, gravity));
+    least_gain(calibration).map_or_else(String::new, |(bias, gain)| {
+        let (factor, unit) = page_unit(bias, calibration.table().content().gravity);
+        let [before, after] = [bias.before.sd, bias.after.sd].map(|sd| digits(sd * factor, 3));
         format!(
-            "Without the table the bias of {} varies by {} {unit} over temperature (standard deviation of bins), with it by {}: {:.1} times less, \
-             and the other sensors' biases at least as much.",
-            bias.name(),
-            shown(before),
-            shown(after),
-            before / after
+            "Without the table the bias of {} varies by {before} {unit} over temperature, with the table by {after} {unit}: {gain:.1} times less. \
+             The biases of the other sensors gain at least as much.",
+            bias.name()
         )
     })
 }
 
 fn before_and_after(page: &mut Page, calibration: &WarmUpCalibration) {
-    page.heading(3, "before-after", "Before and after");
     let gravity = calibration.table().content().gravity;
-    type Row<'a> = (&'a BiasCurve, String, Spread, Option<f64>);
-    let rows: Vec<Row<'_>> = calibration
-        .biases
-        .iter()
-        .flat_map(|bias| {
-            let raw = (bias, "before".to_owned(), bias.before, None);
-            let own = (bias, "Isotherm".to_owned(), bias.after, bias.band.as_ref().map(|band| band.half_width));
-            let others = others(bias).map(move |(name, spread)| (bias, name.to_owned(), spread, None));
-            [raw, own].into_iter().chain(others)
-        })
-        .collect();
-    let si = |row: &Row<'_>, value: f64| Cell::Number(shown(TriadUnits::of(row.0.kind).si(value, gravity).0));
-    let in_unit = |row: &Row<'_>, value: f64| Cell::Number(shown(value * TriadUnits::of(row.0.kind).bias_factor));
-    let known = |value: Option<Cell>| value.unwrap_or_else(|| Cell::number(f64::NAN, 0));
-    let columns: [Column<'_, Row<'_>>; 9] = [
-        ("Axis", &|row| Cell::text(row.0.name())),
-        ("", &|row| Cell::text(row.1.as_str())),
-        ("Unit", &|row| Cell::text(TriadUnits::of(row.0.kind).si(0.0, gravity).1)),
-        ("Standard deviation", &|row| si(row, row.2.sd)),
-        ("Largest", &|row| si(row, row.2.largest)),
-        ("Band +-", &|row| known(row.3.map(|band| si(row, band)))),
-        ("Unit", &|row| Cell::text(TriadUnits::of(row.0.kind).bias_on_page)),
-        ("Standard deviation", &|row| in_unit(row, row.2.sd)),
-        ("Band +-", &|row| known(row.3.map(|band| in_unit(row, band)))),
-    ];
+    let number = |bias: &BiasCurve, value: f64| Cell::Number(digits(value * page_unit(bias, gravity).0, 3));
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in calibration.biases.iter().flat_map(others) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let row = |bias: &BiasCurve| {
+        let mut cells = vec![
+            Cell::text(bias.name()),
+            Cell::text(page_unit(bias, gravity).1),
+            number(bias, bias.before.sd),
+            number(bias, bias.after.sd),
+            Cell::number(bias.before.sd / bias.after.sd, 1),
+        ];
+        let left = |name: &&str| others(bias).find(|other| other.0 == *name).map_or(f64::NAN, |other| other.1.sd);
+        cells.extend(names.iter().map(|name| number(bias, left(name))));
+        let band = bias.band.as_ref().map_or(f64::NAN, |band| band.half_width);
+        cells.extend([bias.after.largest, band, bias.interval, bias.behind].map(|value| number(bias, value)));
+        cells
+    };
+    let after: Vec<_> = names.iter().map(|name| format!("After: {name}")).collect();
+    let behind = format!("{BEHIND_S} s of lag, +-");
+    let mut header = vec!["Axis", "Unit", "Before", "After", "Factor"];
+    header.extend(after.iter().map(String::as_str));
+    header.extend(["Largest left", "Band, +-", "Noise, +-", &behind]);
     let caption = format!(
-        "Means of bins of {} {}, about their mean; the band is half of what heating and cooling are apart, the error of the curve",
-        shown(calibration.bin),
+        "Before and after: standard deviation of the bias over temperature, from means of bins of {} {}. Errors of the curve: half the band between \
+         heating and cooling; 95 % from noise only; and what a lag of {BEHIND_S} s behind the temperature would add",
+        digits(calibration.bin, 3),
         calibration.table().content().temperature_unit
     );
-    page.columns(&caption, rows, &columns);
-}
-
-/// Unit and factor of the figures of a bias: thousandths of m/s2 or rad/s.
-fn thousandths(bias: &BiasCurve, gravity: f64) -> (f64, &'static str) {
-    let (factor, unit) = TriadUnits::of(bias.kind).si(1.0, gravity);
-    (factor * 1e3, if unit == "m/s2" { "mm/s2" } else { "mrad/s" })
+    page.compact_table(&caption, &header, calibration.biases.iter().map(row).collect());
 }
 
 fn line(curve: &Polynomial, factor: f64) -> Vec<(f64, f64)> {
@@ -356,32 +366,40 @@ fn by_sweep(
 
 fn curves(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
     page.heading(2, "curves", "Curves");
-    page.paragraph("The curve with its band, and the means of each sweep. An accelerometer is that of the nominal table at the reference temperature.");
+    page.paragraph(
+        "The curve with its band, and the means of each sweep. An accelerometer is that of the nominal table at the reference temperature. What \
+         others make of the same rows is shown as the difference from the curve.",
+    );
     let gravity = calibration.table().content().gravity;
-    let figure = |bias: &BiasCurve| {
-        let (factor, si) = thousandths(bias, gravity);
+    let x_label = format!("Head temperature / {unit}");
+    let figures = calibration.biases.iter().flat_map(|bias| {
+        let (factor, unit) = page_unit(bias, gravity);
         let curve = line(&bias.curve, factor);
-        let plot = Plot::new(
-            &format!("Bias of {}", bias.name()),
-            &format!("Head temperature / {unit}"),
-            &format!("Bias / ({si})"),
-        );
+        let plot = Plot::new(&format!("Bias of {}", bias.name()), &x_label, &format!("Bias / ({unit})"));
         let mut plot = plot.series("Curve", Style::Line, curve.iter().copied());
         if let Some(band) = &bias.band {
             let half = band.half_width * factor;
             plot = plot.band(curve.iter().map(|(at, value)| (*at, value - half, value + half)));
         }
-        for (autopilot, curve, _) in &bias.beside {
-            plot = plot.series(autopilot.title(), Style::Line, line(curve, factor));
-        }
-        for on_board in &bias.on_board {
-            let points = on_board.points.iter().map(|(temperature, value)| (*temperature, value * factor));
-            plot = plot.series(&on_board.name, Style::Line, points);
-        }
         let plot = by_sweep(plot, calibration, bias, |it| (it.temperature, it.value * factor));
-        (plot.svg(), String::new())
-    };
-    page.figures(&calibration.biases.iter().map(figure).collect::<Vec<_>>());
+        core::iter::once(plot).chain(differences(bias, (factor, unit), &x_label))
+    });
+    page.plots(&figures.collect::<Vec<_>>());
+}
+
+/// The curves of others less that of the table; `None` without any.
+fn differences(bias: &BiasCurve, (factor, unit): (f64, &str), x_label: &str) -> Option<Plot> {
+    let title = format!("Bias of {}: others less the curve", bias.name());
+    let plot = Plot::new(&title, x_label, &format!("Difference / ({unit})")).zero_line();
+    let less = |(at, value): (f64, f64)| (at, value - bias.curve.at(bias.curve.clamp(at)) * factor);
+    let cubics = bias.beside.iter().map(|(autopilot, curve, _)| (autopilot.title(), line(curve, factor)));
+    let on_board = bias.on_board.iter().map(|it| {
+        (it.name.as_str(), it.points.iter().map(|(temperature, value)| (*temperature, value * factor)).collect())
+    });
+    let others: Vec<(&str, Vec<_>)> = cubics.chain(on_board).collect();
+    let draw =
+        |plot: Plot, (name, points): (&str, Vec<_>)| plot.series(name, Style::Line, points.into_iter().map(less));
+    (!others.is_empty()).then(|| others.into_iter().fold(plot, draw))
 }
 
 fn residuals(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
@@ -389,7 +407,7 @@ fn residuals(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
     page.paragraph("What the curve leaves of each sweep, over temperature and over time. Sweeps that are apart are the band; a step in time is a bump.");
     let gravity = calibration.table().content().gravity;
     let figures = calibration.biases.iter().flat_map(|bias| {
-        let (factor, si) = thousandths(bias, gravity);
+        let (factor, si) = page_unit(bias, gravity);
         let label = format!("Residual / ({si})");
         let temperature =
             Plot::new(&format!("{} by sweep", bias.name()), &format!("Head temperature / {unit}"), &label);
@@ -398,33 +416,29 @@ fn residuals(page: &mut Page, calibration: &WarmUpCalibration, unit: &str) {
             by_sweep(temperature, calibration, bias, |it| (it.temperature, it.residual * factor)),
             by_sweep(time, calibration, bias, |it| (it.age_s, it.residual * factor)),
         ];
-        plots.map(|plot| (plot.zero_line().svg(), String::new()))
+        plots.map(Plot::zero_line)
     });
-    page.figures(&figures.collect::<Vec<_>>());
+    page.plots(&figures.collect::<Vec<_>>());
 }
 
 fn orders(page: &mut Page, calibration: &WarmUpCalibration) {
     page.heading(2, "order", "Order");
     page.paragraph(&format!("{}. All curves have one order.", order_words(&calibration.order)));
     let gravity = calibration.table().content().gravity;
-    let header = |unit: &dyn Fn(&BiasCurve) -> String| -> Vec<String> {
-        core::iter::once("Order".to_owned()).chain(calibration.biases.iter().map(unit)).collect()
-    };
-    let mut table = |caption: &str, header: Vec<String>, figures: &dyn Fn(&TriedOrder) -> Vec<f64>| {
+    let mut table = |caption: &str, unit: &dyn Fn(&BiasCurve) -> String, figures: &dyn Fn(&TriedOrder) -> Vec<f64>| {
         let row = |tried: &TriedOrder| {
-            let cells = figures(tried).into_iter().map(|figure| Cell::Number(shown(figure)));
-            core::iter::once(Cell::number(tried.order as f64, 0)).chain(cells).collect::<Vec<_>>()
+            let cells = figures(tried).into_iter().map(|figure| Cell::Number(digits(figure, 3)));
+            core::iter::once(Cell::number(tried.order as f64, 0)).chain(cells).collect()
         };
-        let rows: Vec<_> = calibration.order.tried.iter().map(row).collect();
-        page.table(caption, &header.iter().map(String::as_str).collect::<Vec<_>>(), &rows);
+        let header: Vec<_> = core::iter::once("Order".to_owned()).chain(calibration.biases.iter().map(unit)).collect();
+        let header: Vec<_> = header.iter().map(String::as_str).collect();
+        page.compact_table(caption, &header, calibration.order.tried.iter().map(row).collect());
     };
-    table("Highest term in standard errors, by order", header(&|bias| bias.name().to_owned()), &|it| it.terms.clone());
+    table("Highest term in standard errors, by order", &|bias| bias.name().to_owned(), &|it| it.terms.clone());
     if calibration.order.sweeps_left_out > 0 {
-        let with_unit = |bias: &BiasCurve| {
-            let unit = TriadUnits::of(bias.kind).si(0.0, gravity).1;
-            format!("{} / ({unit})", bias.name())
-        };
+        let with_unit = |bias: &BiasCurve| format!("{} / ({})", bias.name(), page_unit(bias, gravity).1);
         let caption = "Standard deviation of what is left of sweeps left out, by order";
-        table(caption, header(&with_unit), &|it| calibration.errors_of(it));
+        let in_unit = |(error, bias): (&f64, &BiasCurve)| error * page_unit(bias, gravity).0;
+        table(caption, &with_unit, &|it| it.errors.iter().zip(&calibration.biases).map(in_unit).collect());
     }
 }

@@ -152,17 +152,17 @@ fn report(folder: &Path) {
     let contains = [
         "Residuals, accelerometers",
         "Order tables, gyroscopes",
-        "g-sensitivities [deg/h/g0]",
+        "g-sensitivities [°/h/g]",
         "Turn check list",
         "26 of 26 unknowns",
-        "at a latitude of 39.9 degrees it is 11.5390 deg/h",
-        "deg/sqrt(h)",
+        "at a latitude of 39.9 degrees it is 11.5390 °/h",
+        "°/√h",
         "Turns: axis, where they begin",
         "G3 <span class=\"unit\">/ arcsec</span>",
     ];
     assert_self_contained(&folder.join("r.html"), &contains);
     let html = fs::read_to_string(folder.join("r.html")).unwrap();
-    for (quantity, unit) in [("Bias", "deg/h"), ("K+", "pulse/arcsec"), ("K-", "pulse/arcsec")] {
+    for (quantity, unit) in [("Bias", "°/h"), ("K+", "pulse/arcsec"), ("K-", "pulse/arcsec")] {
         for gyroscope in GYROSCOPE_NAMES {
             assert!(
                 html.contains(&format!("{quantity} of {gyroscope}: {quantity} / {unit} over ")),

@@ -314,7 +314,7 @@ fn hysteresis_of_a_consumer_imu_is_not_written() {
     assert!((change(&gyroscopes[0]) - right([12.0, -0.2])).abs() < 100.0, "{}", change(&gyroscopes[0]));
     assert_self_contained(
         &path.join("report.html"),
-        &["Not known", "G3 without transient", "hysteresis explains as much"],
+        &["What this method does not show: scale factors", "G3 without transient", "hysteresis explains as much"],
     );
     run(path, 0, &["check", "table.toml"]);
 

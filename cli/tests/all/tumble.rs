@@ -152,7 +152,7 @@ fn local_gravity_comes_from_latitude_and_height() {
     let keys = "gravity_source = \"normal\"\ngravity_half_width = 0.00099876";
     assert!(table.contains(keys) && table.contains("\nlatitude_deg = 28.9\nheight_m = 200.0\n"), "{table}");
     let page = fs::read_to_string(folder.path().join("r.html")).unwrap();
-    assert!(page.contains("9.79178 +- 0.00100 m/s2, normal gravity at latitude 28.9"));
+    assert!(page.contains("9.79178 ± 0.00100 m/s², normal gravity at latitude 28.9"));
     let (out, _) = calibrate(0, &[&place[..], &["--json"]].concat());
     let document: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(document["gravity_source"], "normal");

@@ -111,7 +111,11 @@ fn all_imus_get_a_table_and_the_vehicle_one_report_and_one_file_of_parameters() 
     for name in ["TC_A_ENABLE\t1\t6\n", "TC_G_ENABLE\t1\t6\n", "# Vehicle-Id"] {
         assert_eq!(params.matches(name).count(), 1, "{name}: {params}");
     }
-    assert_page(&folder.join("r.html"), 40, &["my-drone-0", "my-drone-1", "my-drone-2", "IMU 2 (device 2490378"]);
+    assert_page(
+        &folder.join("r.html"),
+        40,
+        &["my-drone-0", "my-drone-1", "my-drone-2", "IMU 2 (device 2490378", "download=\"v.parm\""],
+    );
     // One at a time gives the same tables, in one file each; and the same parameters.
     for imu in ["0", "1", "2"] {
         let alone = ["--instance", imu, "-o", "alone.toml", "--export", "ardupilot=alone.parm"];

@@ -29,6 +29,12 @@ fn one_command_leads_from_a_log_to_a_table_a_report_and_the_parameters_of_both_a
     let page = folder.path().join("r.html");
     assert_page(&page, 17, &["Before and after", "ArduPilot", "1: heating", "SHA-256", "Error not known"]);
     let [params, parm] = ["i.params", "i.parm"].map(|name| fs::read_to_string(folder.path().join(name)).unwrap());
+    // The report has the parameters, for a reader who has nothing else.
+    let report = fs::read_to_string(&page).unwrap();
+    for (name, start) in [("i.params", "%23%20"), ("i.parm", "INS_TCAL1_ENABLE%201%0A")] {
+        let link = format!("<a download=\"{name}\" href=\"data:text/plain;charset=utf-8,{start}");
+        assert!(report.contains(&link), "{link}");
+    }
     assert!(params.contains("1\t1\tTC_A0_ID\t3014666\t6\n") && params.contains("TC_G0_X3_2\t"), "{params}");
     assert!(parm.starts_with("INS_TCAL1_ENABLE 1\n") && parm.contains("\nINS_TCAL1_GYR3_Z "), "{parm}");
 

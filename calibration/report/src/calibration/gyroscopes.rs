@@ -89,7 +89,7 @@ impl CalibrationPage<'_> {
             ("g-sensitivity", &|(axis, k)| Cell::text(format!("{} along {}", GYROSCOPE_NAMES[*axis], AXIS_NAMES[*k]))),
             ("Value", &|(axis, k)| Cell::number(part(axis).g_sensitivity[*k], 4)),
             ("Standard error", &|(axis, k)| Cell::known(part(axis).g_sensitivity_error.map(|it| it[*k]), 4)),
-            ("95 % interval +-", &|(axis, k)| Cell::known(interval(axis).map(|it| it[*k]), 4)),
+            ("95 % interval, +-", &|(axis, k)| Cell::known(interval(axis).map(|it| it[*k]), 4)),
         ];
         let rows = (0..AXES * AXES).map(|index| (index / AXES, index % AXES));
         page.columns("g-sensitivities [deg/h/g0]", rows, &columns);
@@ -172,7 +172,7 @@ impl CalibrationPage<'_> {
         let turns = found.runs.iter().filter(|run| matches!(run.place, RunPlace::Turn(_)));
         let rows: Vec<_> = turns.map(row).collect();
         let header = ["Set point / turn", "Lines", "Time / s"].into_iter().chain(RESIDUALS).chain(["Check"]);
-        page.table("Turns with their residuals", &header.collect::<Vec<_>>(), &rows);
+        page.compact_table("Turns with their residuals", &header.collect::<Vec<_>>(), rows);
     }
 
     /// The turns of the campaign file.

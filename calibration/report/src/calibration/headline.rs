@@ -4,16 +4,40 @@
 use super::parts::CalibrationPage;
 use super::triad::Bars;
 use crate::page::{Cell, Column, NoteKind, Page};
+use crate::quantity::sentence;
+use crate::transients;
 use isotherm_campaign::SampleLayout;
 use isotherm_fit::{Accuracy, CalibratedTriad};
-use isotherm_shared::table::AXIS_NAMES;
+use isotherm_shared::wire::AXES;
 use isotherm_statistics::rms;
 
-/// An accelerometer: its number, its errors before and after, and what is known of the whole curves.
-type Row<'a> = (usize, [f64; 2], &'a Accuracy);
+/// A sensor on the first screen.
+struct Row<'a> {
+    triad: &'a CalibratedTriad<'a>,
+    axis: usize,
+    /// Errors of the dwells before and after, rms \[1e-6 g0\]; of accelerometers.
+    errors: Option<[f64; 2]>,
+    accuracy: &'a Accuracy,
+}
+
+impl Row<'_> {
+    /// The value of a quantity at the middle of its range, in the unit of the page.
+    fn middle(&self, quantity: usize) -> f64 {
+        let curve = &self.triad.curves[self.axis][quantity];
+        let [low, high] = curve.range();
+        curve.at(0.5 * (low + high)) * self.triad.units.factor(quantity)
+    }
+
+    fn bias(&self) -> Cell {
+        let units = self.triad.units;
+        let (value, places) = (self.middle(0), units.accuracy_decimals);
+        let band = self.accuracy.bias_band[self.axis].map(|half| format!("{:.places$}", half * units.bias_factor));
+        Cell::Number(format!("{value:.places$} ± {}", band.as_deref().unwrap_or("not known")))
+    }
+}
 
 impl CalibrationPage<'_> {
-    /// The result in a sentence for each triad, then by accelerometer, then what is to be looked at.
+    /// The result in a sentence for each triad, then by sensor, then what was found.
     pub(super) fn headline(&self, page: &mut Page) {
         let errors = [0, 1, 2].map(|axis| [rms(&self.frozen_errors(axis)), rms(&self.errors(axis))]);
         let worst = |time: usize| errors.iter().map(|both| both[time]).fold(0.0, f64::max);
@@ -26,36 +50,43 @@ impl CalibrationPage<'_> {
         ));
         let accuracies: Vec<_> = self.triads.iter().map(|triad| Accuracy::of_triad(self.calibration, triad)).collect();
         for (triad, accuracy) in self.triads.iter().zip(&accuracies) {
-            page.paragraph(&format!("{}{accuracy}.", self.whose(triad)));
+            page.paragraph(&sentence(&format!("{}{accuracy}", self.whose(triad))));
         }
-        let columns: [Column<'_, Row<'_>>; 6] = [
-            ("Axis", &|(axis, ..)| Cell::text(AXIS_NAMES[*axis])),
-            ("Before", &|(_, [before, _], _)| Cell::number(*before, 3)),
-            ("After", &|(_, [_, after], _)| Cell::number(*after, 3)),
-            ("Factor", &|(_, [before, after], _)| Cell::number(before / after, 1)),
-            ("Bias, ± / 1e-6 g0", &|(axis, _, known)| Cell::known(known.bias_band[*axis].map(|half| half * 1e6), 2)),
-            ("Scale factor, ± / ppm", &|(axis, _, known)| {
-                Cell::known(known.scale_factor_band[*axis].map(|half| half * 1e6), 2)
-            }),
-        ];
-        let rows = errors.into_iter().enumerate().map(|(axis, both)| (axis, both, &accuracies[0]));
-        page.columns("Error of the dwells, rms [1e-6 g0], and 95 % of the curves", rows, &columns);
-        page.paragraph(
-            "These dwells made the table, so the factor is a check of the fit: how good the table is on other data, verify shows.",
-        );
+        for (triad, accuracy) in self.triads.iter().zip(&accuracies) {
+            let is_first = triad.gyroscopes.is_none();
+            let row = |axis: usize| Row { triad, axis, errors: is_first.then_some(errors[axis]), accuracy };
+            let error = |it: &Row<'_>, time: usize| Cell::known(it.errors.map(|both| both[time]), 3);
+            let factor = |it: &Row<'_>| it.errors.map(|[before, after]| before / after);
+            let scale = |it: &Row<'_>| it.accuracy.scale_factor_band[it.axis].map(|half| half * 1e6);
+            let titles = [0, 1].map(|quantity| {
+                format!("{} / {}", ["Bias", "Scale factor K+"][quantity], triad.units.on_page(quantity))
+            });
+            let columns: [Column<'_, Row<'_>>; 7] = [
+                ("Axis", &|it| Cell::text(it.triad.names[it.axis])),
+                ("Before", &|it| error(it, 0)),
+                ("After", &|it| error(it, 1)),
+                ("Factor", &|it| Cell::known(factor(it), 1)),
+                (&titles[0], &Row::bias),
+                (&titles[1], &|it| Cell::number(it.middle(1), triad.units.scale_factor_decimals)),
+                ("Scale factor, ± / ppm", &|it| Cell::known(scale(it), 2)),
+            ];
+            let of_dwells = if is_first { "Error of the dwells that made the table, rms [1e-6 g0]; v" } else { "V" };
+            let caption = format!("{of_dwells}alues at mid range with the largest 95 % band of each whole curve");
+            page.columns(&caption, (0..AXES).map(row), &columns);
+        }
         self.remarks(page, &accuracies);
     }
 
     /// What is to be looked at; a green box if every check that can fail was made, and passed.
     fn remarks(&self, page: &mut Page, accuracies: &[Accuracy]) {
         let calibration = self.calibration;
-        for finding in &calibration.findings {
-            let line = match (finding.line, self.campaign.layout) {
-                (None, _) => String::new(),
-                (Some(line), SampleLayout::ByPosition { .. }) => format!("{}: ", (self.locate)(line)),
-                (Some(line), _) => format!("{}, line {line}: ", self.campaign.samples.join(", ")),
-            };
-            page.note(NoteKind::Warning, "Look at this", &format!("{line}{finding}"));
+        page.findings(&calibration.findings, |finding| match (finding.line, self.campaign.layout) {
+            (None, _) => String::new(),
+            (Some(line), SampleLayout::ByPosition { .. }) => format!("{}: ", (self.locate)(line)),
+            (Some(line), _) => format!("{}, line {line}: ", self.campaign.samples.join(", ")),
+        });
+        if let Some(found) = &calibration.transients {
+            transients::verdict(page, found);
         }
         let misfits: Vec<_> = self.triads.iter().filter_map(misfit).collect();
         misfits.iter().for_each(|misfit| page.note(NoteKind::Warning, "The curve misses the set points", misfit));
@@ -63,7 +94,7 @@ impl CalibrationPage<'_> {
         cautions.iter().for_each(|caution| page.note(NoteKind::Warning, "Caution", caution));
         let unmade = self.unmade_checks();
         if !unmade.is_empty() {
-            page.note(NoteKind::Warning, "Not everything could be checked", &format!("{}.", unmade.join("; ")));
+            page.note(NoteKind::Warning, "Not everything could be checked", &sentence(&unmade.join("; ")));
         }
         if calibration.findings.is_empty() && misfits.is_empty() && cautions.is_empty() && unmade.is_empty() {
             let turns = if calibration.gyroscopes.is_some() { "turns, Earth's rate, " } else { "" };

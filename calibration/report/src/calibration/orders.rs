@@ -2,6 +2,7 @@
 
 use super::parts::{CalibrationPage, QUANTITY_NAMES};
 use crate::page::{Cell, Column, NoteKind, Page};
+use crate::quantity::digits;
 use isotherm_fit::CalibratedTriad;
 use isotherm_shared::wire::AXES;
 use isotherm_statistics::{Curve, Diagnostics, Fit, OrderTable, Test, root};
@@ -12,7 +13,7 @@ impl CalibrationPage<'_> {
         page.paragraph(if triad.gyroscopes.is_some() {
             "As above. The order is 3 at least, the order of the model."
         } else {
-            "Equations (9) to (16) of the source paper. The F of the last term is the partial F of the highest power; the terms' partial \
+            "Equations (9) to (16) of the source paper. The sentence below each table says why the order was chosen. The F of the last term is the partial F of the highest power; the terms' partial \
              sums of squares are in the basis centred on the temperature's range, on which those of the lower terms depend. \
              Leave-one-out: errors at a set point of the fit without it."
         });
@@ -31,7 +32,7 @@ impl CalibrationPage<'_> {
         orders(page, &format!("{title}: orders, in {unit}"), table, factor);
         page.paragraph(&format!("Order {}: {}.", table.choice.order, table.choice.reason));
         let [center, scale] = curve.basis();
-        let power = if curve.is_raw() { format!("{}^k", self.unit()) } else { format!("((U - {center})/{scale})^k") };
+        let power = if curve.is_raw() { format!("{}ᵏ", self.unit()) } else { format!("((U - {center})/{scale})ᵏ") };
         let caption = format!("{title}: coefficients of the table, in {unit} per {power}");
         coefficients(page, &caption, table.chosen(), curve, factor);
         diagnostics(page, &table.diagnostics, factor);
@@ -44,17 +45,12 @@ fn orders(page: &mut Page, caption: &str, table: &OrderTable, factor: f64) {
         true => Cell::Verdict(NoteKind::Good, format!("{} chosen", it.order)),
         false => Cell::text(it.order.to_string()),
     };
-    let correlation = |value: Option<f64>| Cell::Number(value.map_or_else(|| "-".to_owned(), |r| format!("{r:.9}")));
     let in_unit = |value: Option<f64>| number(value.map(|value| value * factor));
-    let columns: [Column<'_, &Fit>; 11] = [
+    let columns: [Column<'_, &Fit>; 7] = [
         ("Order", &|it| order(it)),
         ("Residual sd", &|it| in_unit(it.residual_sd)),
-        ("R2", &|it| correlation(it.r_squared)),
-        ("R", &|it| correlation(it.r)),
         ("F", &|it| number(it.f)),
-        ("p", &|it| number(it.f_p)),
         ("F last term", &|it| number(it.partial.last().and_then(|last| last.f))),
-        ("p last term", &|it| number(it.partial.last().and_then(|last| last.p))),
         ("Effect", &|it| in_unit(Some(it.effect))),
         ("Leave-one-out rms", &|it| in_unit(it.leave_one_out_rms)),
         ("Leave-one-out max", &|it| in_unit(it.leave_one_out_max)),
@@ -67,13 +63,12 @@ fn coefficients(page: &mut Page, caption: &str, fit: &Fit, curve: &Curve, factor
     let errors = curve.table_covariance().map(|c| c.diagonal().map(root));
     let partial = |power: usize| fit.partial_centred.get(power.checked_sub(1)?);
     let sum = |power: usize| Some(partial(power)?.sum_of_squares * factor * factor).filter(|sum| sum.is_finite());
-    let columns: [Column<'_, (usize, f64)>; 6] = [
+    let columns: [Column<'_, (usize, f64)>; 5] = [
         ("Power", &|(power, _)| Cell::text(format!("c{power}"))),
-        ("Coefficient", &|(_, c)| Cell::Number(format!("{:.9e}", c * factor))),
+        ("Coefficient", &|(_, c)| Cell::Number(digits(c * factor, 10))),
         ("Standard error", &|(power, _)| number(errors.as_ref().map(|errors| errors[*power] * factor))),
         ("Partial sum of squares", &|(power, _)| number(sum(*power))),
         ("Partial F", &|(power, _)| number(partial(*power).and_then(|partial| partial.f))),
-        ("p", &|(power, _)| number(partial(*power).and_then(|partial| partial.p))),
     ];
     let polynomial = curve.polynomial(1.0);
     let coefficients = polynomial.iter().flat_map(|polynomial| polynomial.coefficients()).copied();
@@ -82,7 +77,8 @@ fn coefficients(page: &mut Page, caption: &str, fit: &Fit, curve: &Curve, factor
 
 fn diagnostics(page: &mut Page, found: &Diagnostics, factor: f64) {
     let test = |test: Option<Test>| {
-        test.map_or_else(|| "not applicable".to_owned(), |it| format!("{} (p {})", short(it.value), short(it.p)))
+        let chance = |it: &Test| if it.p < 0.05 { "more than chance makes of it" } else { "as chance makes of it" };
+        test.map_or_else(|| "not applicable".to_owned(), |it| format!("{}, {}", digits(it.value, 3), chance(&it)))
     };
     page.key_values(&[
         ("Lag-1 correlation of residuals", test(found.lag1)),
@@ -91,18 +87,7 @@ fn diagnostics(page: &mut Page, found: &Diagnostics, factor: f64) {
     ]);
 }
 
-/// A number as [`short`]; a dash if it is not known.
+/// A number with five digits; a dash if it is not known.
 fn number(value: Option<f64>) -> Cell {
-    Cell::Number(value.map_or_else(|| "-".to_owned(), short))
-}
-
-/// 1e-3 to 1e5 with at most five significant digits and four decimals, other values in exponent notation with three
-/// digits.
-fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = 4_usize.saturating_sub(libm::log10(value.abs().max(1.0)) as usize);
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.2e}")
-    }
+    Cell::Number(digits(value.unwrap_or(f64::NAN), 5))
 }

@@ -115,7 +115,7 @@ impl CalibrationPage<'_> {
             ("Misalignment", &|(axis, k)| Cell::text(names(*axis, *k))),
             ("Value", &|(axis, k)| micro(Some(triad.misalignment[*axis]), *k)),
             ("Standard error", &|(axis, k)| micro(triad.misalignment_error[*axis], *k)),
-            ("95 % interval +-", &|(axis, k)| micro(triad.misalignment_interval[*axis], *k)),
+            ("95 % interval, +-", &|(axis, k)| micro(triad.misalignment_interval[*axis], *k)),
         ];
         page.columns("Misalignments [1e-6 rad]", (0..2 * AXES).map(|index| (index / 2, index % 2)), &columns);
         page.paragraph(self.alignment(triad));
@@ -174,13 +174,13 @@ impl CalibrationPage<'_> {
             let rows: Vec<_> = triad.set_points.iter().map(row).collect();
             let (m, o) = (triad.names[(axis + 1) % AXES], triad.names[(axis + 2) % AXES]);
             let bias = format!("{bias} / {}", units.bias_on_page);
-            let (m, o) = (format!("onto {m} / 1e-6"), format!("onto {o} / 1e-6"));
+            let (m, o) = (format!("onto {m} / 1e-6 rad"), format!("onto {o} / 1e-6 rad"));
             let mut header = vec!["Set point", "Head", "Board", &bias, "+-", "K+", "+-", "K-", "+-", &m, &o];
             if triad.gyroscopes.is_some() {
                 header.extend(["s along A1 / deg/h/g0", "A2", "A3"]);
             }
             let caption = format!("{name}: errors from the scatter within the set point, {with} included");
-            page.table(&caption, &header, &rows);
+            page.compact_table(&caption, &header, rows);
         }
     }
 }

@@ -97,7 +97,7 @@ fn error_bars_reach_from_end_to_end_and_belong_to_their_points() {
 fn the_upper_axis_has_its_ticks_where_x_has_these_values() {
     let plot = Plot::new("t", "x", "y").series("a", Style::Line, [(0.0, 0.0), (10.0, 1.0)]);
     let svg = checked(&plot.clone().second_scale("T / degC", [(0.0, -20.0), (10.0, 40.0)]));
-    assert!(svg.contains(">T / degC</text>"));
+    assert!(svg.contains(">T / °C</text>"));
     let [left, _, right, _] = numbers(&svg, "l d s1")[..] else { panic!("{svg}") };
     for (label, place) in [("−20", left), ("10", f64::midpoint(left, right)), ("40", right)] {
         let text = |y: &str| format!("<text class=\"k m\" x=\"{}\" y=\"{y}\">{label}</text>", short(place));

@@ -39,12 +39,12 @@ fn curves_have_error_bars_bands_and_temperatures() {
                     figure.contains("<path class=\"b s1\"") && figure.contains(">Set points, 95 %</text>"),
                     "{label}"
                 );
-                assert!(figure.contains(">Set point / degC</text>"), "{label}");
+                assert!(figure.contains(">Set point / °C</text>"), "{label}");
                 assert!(["0", "20", "40"].iter().all(|c| figure.contains(&format!(">{c}</text>"))), "{figure}");
             }
         }
     }
-    assert_eq!(html.matches(">Set point / degC</text>").count(), 18 + 3, "and the dwells' errors over temperature");
+    assert_eq!(html.matches(">Set point / °C</text>").count(), 18 + 3, "and the dwells' errors over temperature");
     assert!(html.contains("Bars: 95 % of each set point"), "what the bars are");
 }
 
@@ -55,7 +55,7 @@ fn a_curve_that_misses_its_set_points_has_no_green_box() {
     let set_points_c: Vec<_> = (0..8).map(|point| -25.0 + 10.0 * f64::from(point)).collect();
     let missed = report_of_order(set_points_c.clone(), 0);
     let title = missed.find("The curve misses the set points").expect("a note");
-    let table = missed.find("Error of the dwells, rms [1e-6 g0], and 95 % of the curves").expect("the result");
+    let table = missed.find("Error of the dwells that made the table, rms [µg]").expect("the result");
     assert!(table < title && title < missed.find("id=\"s-curves").unwrap(), "the result is first");
     assert!(missed[title..].contains(" of 8 error bars of K"), "the scale factors are no constants");
     assert!(!missed.contains("Nothing found"));

@@ -7,6 +7,7 @@ use isotherm_campaign::{Campaign, IMU};
 use isotherm_files::StagedText;
 use isotherm_pipeline::{InputOptions, JobOutcome};
 use isotherm_recording_formats::convert::Foreign;
+use isotherm_report::with_files;
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure};
 use isotherm_support::finding::name;
@@ -95,10 +96,17 @@ impl TableFiles {
         Ok(Self { table, page: report.map(|path| StagedText::create(Some(path))).transpose()? })
     }
 
-    /// Writes both; they are put into place together with others.
-    pub(super) fn write(self, campaign: &Campaign, outcome: &JobOutcome) -> Result<Vec<StagedText>, Failure> {
+    /// Writes both; they are put into place together with others. The report has `parameters`, name and text of each
+    /// file.
+    pub(super) fn write(
+        self,
+        campaign: &Campaign,
+        outcome: &JobOutcome,
+        parameters: &[(&str, &str)],
+    ) -> Result<Vec<StagedText>, Failure> {
         let mut texts = vec![self.table.write(&outcome.table)?];
-        texts.extend(self.page.map(|page| page.write(&outcome.html(campaign))).transpose()?);
+        let html = |page: StagedText| page.write(&with_files(&outcome.html(campaign), parameters));
+        texts.extend(self.page.map(html).transpose()?);
         Ok(texts)
     }
 }

@@ -12,7 +12,7 @@ use crate::commands::export::{ParameterArgs, tell_left_out};
 use crate::parse::{gravity, lag_choice};
 use crate::progress::bytes_bar;
 use clap::Args;
-use export::{ParameterFile, ShownParameters, exported, on_board, staged_exports};
+use export::{ParameterFile, ShownParameters, exported, named, on_board, staged_exports};
 use isotherm_autopilot::HIGHEST_ORDER;
 use isotherm_campaign::Campaign;
 use isotherm_files::{StagedText, Trust, load_table, refuse_overlap};
@@ -116,7 +116,7 @@ impl WarmUp {
         let (campaign, outcome) = self.calibrate(of, input)?;
         let exported = exported(&self.export, &self.parameters, &outcome)?;
         tell_outcome(&outcome, self.table.json);
-        let mut texts = files.write(&campaign, &outcome)?;
+        let mut texts = files.write(&campaign, &outcome, &named(&self.export, &exported))?;
         for (staged, exported) in exports.into_iter().zip(&exported) {
             texts.push(staged.write(&exported.text)?);
         }

@@ -69,6 +69,14 @@ pub(super) fn staged_exports(files: &[ParameterFile]) -> Result<Vec<StagedText>,
     files.iter().map(|file| StagedText::create(Some(&file.path))).collect()
 }
 
+/// The parameters by the names of their files, as a report offers them.
+pub(super) fn named<'a>(files: &'a [ParameterFile], exported: &'a [ExportedParameters]) -> Vec<(&'a str, &'a str)> {
+    let name =
+        |file: &'a ParameterFile| file.path.file_name().and_then(|name| name.to_str()).filter(|name| *name != "-");
+    let both = files.iter().zip(exported);
+    both.filter_map(|(file, exported)| Some((name(file)?, exported.text.as_str()))).collect()
+}
+
 /// The parameters of a table, for each file.
 pub(super) fn exported(
     files: &[ParameterFile],

@@ -2,7 +2,7 @@
 //! vehicle.
 
 use super::WarmUp;
-use super::export::{exported, staged_exports};
+use super::export::{exported, named, staged_exports};
 use crate::commands::calibrate::several::{TableMember, check_dropped};
 use crate::commands::export::{tell_left_out, tell_notes};
 use isotherm_autopilot::{ExportedParameters, vehicle};
@@ -10,6 +10,7 @@ use isotherm_files::StagedText;
 use isotherm_fit::tool;
 use isotherm_pipeline::{INSTANCE, InputOptions, JobFailure, Vehicle, VehicleImu, now};
 use isotherm_report::vehicle::{Outcome, html};
+use isotherm_report::with_files;
 use isotherm_support::failure::{Exit, Failure, shown};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -45,9 +46,10 @@ impl WarmUp {
                 texts.push(staged.write(&outcome.table)?);
             }
         }
-        texts.extend(page.map(|page| page.write(&self.page(&members))).transpose()?);
         let has_table = members.iter().any(|member| member.result.is_ok());
         let joint = if has_table { self.joint(&members, &exported) } else { Vec::new() };
+        let html = with_files(&self.page(&members), &named(&self.export, &joint));
+        texts.extend(page.map(|page| page.write(&html)).transpose()?);
         for (staged, joint) in exports.into_iter().zip(&joint) {
             texts.push(staged.write(&joint.text)?);
         }
