@@ -42,7 +42,7 @@ pub struct TappedSample {
     pub received_ns: u64,
     /// Unix time when it was received \[ns\].
     pub unix_ns: u64,
-    /// How far Unix time is ahead of `CLOCK_MONOTONIC`, measured 50 ms ago or later.
+    /// How far Unix time is ahead of `CLOCK_MONOTONIC`, measured within the 50 ms before.
     pub unix_offset: UnixOffset,
     /// The sample.
     pub sample: StreamSample,
