@@ -51,8 +51,8 @@ pub struct NodeArguments {
     pub log_format: LogFormat,
     /// Take no arguments of ROS 2
     ///
-    /// Take no arguments of ROS 2 behind this option, with which its launch files end each command line. Names of topics
-    /// and frames are in the description, and simulated time (use_sim_time) is not followed
+    /// Take no arguments of ROS 2 behind this option, with which its launch files end each command line. Names of
+    /// topics and frames are in the description, and simulated time (use_sim_time) is not followed
     #[arg(long, value_name = "ARGUMENT", num_args = 0.., allow_hyphen_values = true)]
     ros_args: Vec<String>,
 }

@@ -41,8 +41,8 @@ fn pulses_give_a_sample_the_time_at_which_it_was_taken() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let text = format!(
         "format = 1\nimu = \"imu-a\"\n[source]\nkind = \"lines\"\ntcp = \"{}\"\n[timing]\ninterval_s = 0.01\n\
-         time = {{ column = \"time\", unit = \"us\", pps = 3 }}\n[lines]\nnames = [\"number\", \"time\", \"zero\"]\n\
-         [accelerometer]\ncolumns = [\"number\", \"zero\", \"zero\"]\nkind = \"reading\"\nresolution = 1\nscale = 1\n\
+         time = {{ column = \"time\", unit = \"us\", pps = 3 }}\n[lines]\nnames = [\"number\", \"time\", \"zero\", \"nothing\"]\n\
+         [accelerometer]\ncolumns = [\"number\", \"zero\", \"nothing\"]\nkind = \"reading\"\nresolution = 1\nscale = 1\n\
          [temperature]\nconstant = 25.0\n",
         listener.local_addr().unwrap()
     );
@@ -60,10 +60,11 @@ fn pulses_give_a_sample_the_time_at_which_it_was_taken() {
                 sleep(Duration::from_micros(500));
             }
             show(&pulses, begin + since / SECOND * SECOND, 1 + since / SECOND);
-            writeln!(line, "{number},{},0", since % SECOND / 1000).unwrap();
+            writeln!(line, "{number},{},0,0", since % SECOND / 1000).unwrap();
         }
         begin
     });
+    acquire.process.wait_for_log("reading tcp");
     let begin = device.join().unwrap();
     acquire.process.wait_for_log("went away");
     let (samples, tally) = acquire.end_dry();
