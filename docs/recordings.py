@@ -32,7 +32,9 @@ def messages(topic):
             except Exception as error:
                 print(f"{name}.mcap is not whole: {type(error).__name__}", file=sys.stderr)
     for _, _, message, decoded in found:
-        assert message.publish_time == decoded.timestamp_ns and message.log_time == decoded.recorded_ns
+        # Unix time, where the timestamps are of CLOCK_MONOTONIC.
+        assert message.publish_time in (decoded.timestamp_ns, decoded.timestamp_ns + decoded.unix_offset_ns)
+        assert message.log_time == decoded.recorded_ns
         yield {field.name: getattr(decoded, field.name) for field in decoded.DESCRIPTOR.fields}
 
 
@@ -74,8 +76,8 @@ for stream, suffix in (("raw", ""), ("increment", ".increments")):
     mcap = list(messages(f"isotherm/{imu}/{stream}"))
     columns = list(csv.columns)
     assert columns == parquet.column_names and all(list(row) == columns for row in mcap)
-    # When it was taken is each recorder's own.
-    columns.remove("recorded_ns")
+    # When it was taken is each recorder's own, and so is how well it knows the offset of Unix time.
+    columns = [column for column in columns if column not in ("recorded_ns", "unix_offset_ns", "unix_offset_uncertainty_ns")]
     rows = [csv[columns].to_dict("records"), parquet.select(columns).to_pylist(), mcap]
     assert len({len(part) for part in rows}) == 1, [len(part) for part in rows]
     for one, two, three in zip(*rows):

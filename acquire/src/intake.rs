@@ -9,11 +9,13 @@ use crate::identity::Signature;
 use crate::link::SoakSpan;
 use crate::notice::Notice;
 use crate::number::Value;
+use crate::pulses::PulseClock;
 use crate::sample::{Assembler, NoSample, TemperatureColumns, invalidate};
 use crate::tally::Tally;
 use crate::timeline::{Counter, FrameObservation, FramePlace, FramePlacement, Timeline};
 use isotherm_client::RawSample;
 use isotherm_support::failure::tell;
+use std::path::Path;
 
 /// Gaps that are reported one by one; the tally has all.
 const TOLD_GAPS: u64 = 10;
@@ -32,6 +34,8 @@ pub(crate) struct Intake {
     /// Room for rows that wait.
     spare: Vec<Vec<Value>>,
     last_row: Vec<Value>,
+    /// The pulses with which the second of the device's clock begins.
+    pulses: Option<PulseClock>,
     /// Whether a rate or a counter that is not as described ends the acquisition, also after the first sample.
     ends: bool,
     /// Whether the IMU has sent a sample since the machine was started: then nothing ends the acquisition.
@@ -126,6 +130,7 @@ impl Intake {
             assembler: Assembler::new(description.columns),
             spare: Vec::new(),
             last_row: Vec::new(),
+            pulses: None,
             ends,
             has_sent: false,
             byte_ns,
@@ -156,6 +161,16 @@ impl Intake {
         Self { has_sent, ..self }
     }
 
+    /// For a device whose clock has pulses, if they are described. They are in `sysfs`, which is `/`, or the root of a
+    /// tree for tests. Rows that come as fast as they are read have none.
+    pub(crate) fn with_pulses(mut self, sysfs: &Path, is_live: bool) -> Self {
+        self.pulses = self.description.timing.pulses.filter(|_| is_live).map(|number| PulseClock::new(sysfs, number));
+        if self.pulses.is_some() {
+            self.timeline = self.timeline.with_clock(STAMPS);
+        }
+        self
+    }
+
     /// Whether this IMU has sent a sample, so that nothing but a signal ends the acquisition from its device.
     pub(crate) const fn goes_on(&self) -> bool {
         !self.ends && self.has_sent
@@ -181,7 +196,7 @@ impl Intake {
         let observed = FrameObservation {
             arrival,
             counter: self.counter_of(row),
-            clock_ns: arrived.stamp.or_else(|| self.clock_of(row)),
+            clock_ns: arrived.stamp.or_else(|| self.stamp_of(row, arrival)),
             damaged: self.damaged,
             after_outage: self.after_outage,
             is_same,
@@ -209,6 +224,15 @@ impl Intake {
     /// The device's counter in a row.
     fn counter_of(&self, row: &[Value]) -> Option<u64> {
         self.description.timing.counter.and_then(|(column, _)| row.get(column)?.whole)
+    }
+
+    /// The device's clock in a row \[ns\]; where it has pulses, on the clock of this machine.
+    fn stamp_of(&mut self, row: &[Value], arrival: Option<FrameArrival>) -> Option<u64> {
+        let clock_ns = self.clock_of(row)?;
+        match (&mut self.pulses, arrival) {
+            (Some(pulses), Some(arrival)) => pulses.stamp_ns(clock_ns, arrival.by_ns),
+            _ => Some(clock_ns),
+        }
     }
 
     /// The device's clock in a row \[ns\].
@@ -315,9 +339,10 @@ impl Intake {
             let limit = u64::MAX >> (64 - bits.clamp(1, 64));
             (ns(counter & limit, step), ns(limit, step))
         });
-        // A stamp of the kernel is no clock of the device.
+        // A stamp of the kernel is no clock of the device, and one that pulses set does not begin with its power.
         let of_clock = timing
             .clock
+            .filter(|_| timing.pulses.is_none())
             .zip(self.clock_of(row))
             .map(|((.., clock), clock_ns)| (u128::from(clock_ns), clock.turn_ns.map_or(u128::MAX, u128::from)));
         let is_new = |(since_ns, turn_ns): (u128, u128)| since_ns < JUST_POWERED_NS.into() && turn_ns >= LONG_TURN_NS;

@@ -44,6 +44,7 @@ mod number;
 mod offline;
 mod port;
 mod profiles;
+mod pulses;
 mod rate;
 mod recorder;
 mod run;

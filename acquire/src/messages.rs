@@ -121,7 +121,7 @@ impl Description {
         let all = [TEMPERATURE; 2 * AXES];
         Self {
             kind: Kind::Messages(queue.clone(), stamps),
-            timing: Timing { interval_ns, counter: None, latency: None, clock: None },
+            timing: Timing { interval_ns, counter: None, latency: None, clock: None, pulses: None },
             columns: Columns {
                 accelerometer: axes(0),
                 gyroscope: has_gyroscopes.then(|| axes(AXES)),

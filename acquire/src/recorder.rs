@@ -1,8 +1,8 @@
 //! Records samples in a thread of its own, so that a slow disk does not hold the line up.
 
-use isotherm_client::{ImuId, RawSample, unix_s};
+use isotherm_client::{ImuId, RawSample, UnixClock, unix_s};
 use isotherm_files::Disk;
-use isotherm_recording::rows::RecordedRow;
+use isotherm_recording::rows::{RecordedOffset, RecordedRow};
 use isotherm_recording_formats::write::{FileError, Files, Format, PatientFiles, Rotation, is_vacant};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::StreamSample;
@@ -36,6 +36,7 @@ pub(crate) struct Recorder {
     rows: Option<SyncSender<RecordedRow>>,
     thread: Option<JoinHandle<Result<(), FileError>>>,
     shared: Arc<WriterState>,
+    unix: UnixClock,
     /// Rows for which the queue had no room.
     overflow: u64,
 }
@@ -96,13 +97,17 @@ impl Recorder {
             |error: &dyn std::fmt::Display| Failure::new(Exit::Failed, format!("starting the recorder: {error}"));
         let thread = thread::Builder::new().name("record".to_owned()).spawn(body).map_err(|error| failed(&error))?;
         is_created.recv().map_err(|error| failed(&error))??;
-        Ok(Self { rows: Some(sender), thread: Some(thread), shared, overflow: 0 })
+        Ok(Self { rows: Some(sender), thread: Some(thread), shared, unix: UnixClock::new(), overflow: 0 })
     }
 
     /// Adds a row. Never waits: a row for which the queue has no room is lost.
     pub(crate) fn take(&mut self, raw: &RawSample) {
         let recorded_ns = (unix_s() * 1e9) as u64;
-        let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(*raw) };
+        // Measured for each row, so that a step shows at once.
+        self.unix.look();
+        let offset = self.unix.offset();
+        let unix_offset = RecordedOffset::new(offset.offset_ns, offset.uncertainty_ns);
+        let row = RecordedRow { unix_offset, ..RecordedRow::new(0, recorded_ns, StreamSample::Raw(*raw)) };
         if self.rows.as_ref().is_none_or(|rows| rows.try_send(row).is_err()) {
             if self.overflow == 0 {
                 tell(

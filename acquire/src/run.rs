@@ -103,7 +103,8 @@ pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Fa
     // A source that cannot be opened leaves no file behind.
     let recorder =
         settings.record.as_ref().map(|recording| Recorder::create(recording, &description.imu)).transpose()?;
-    let intake = Intake::new(description, source.byte_ns(), source.is_stamped()).of_sender(has_sent);
+    let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
+    let intake = intake.with_pulses(&settings.sysfs, source.is_live()).of_sender(has_sent);
     let sink = match settings.target {
         Target::Service(ref options) => {
             let options = Options { serial: description.serial.clone(), ..options.clone() };

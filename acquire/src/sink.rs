@@ -110,7 +110,7 @@ impl PrintedRows {
         self.left = self.left.map(|left| left - 1);
         let raw = RawSample { session: self.first.wrapping_add(session - 1), ..raw };
         let recorded_ns = (unix_s() * 1e9) as u64;
-        let row = RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(raw) };
+        let row = RecordedRow::new(0, recorded_ns, StreamSample::Raw(raw));
         self.failed = self.files.write(&row).err();
         if let Some(recorder) = &mut self.recorder {
             recorder.take(&raw);

@@ -143,6 +143,12 @@ impl<T> Timeline<T> {
         }
     }
 
+    /// For frames with the time of this clock.
+    pub(crate) fn with_clock(mut self, clock: DeviceClock) -> Self {
+        self.numbering.clock = Some(clock);
+        self
+    }
+
     /// For frames of which two may come in the wrong order.
     pub(crate) fn of_datagrams(self) -> Self {
         Self { may_overtake: true, ..self }

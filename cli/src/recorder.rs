@@ -3,7 +3,7 @@
 mod tally;
 
 use isotherm_client::{ImuId, Options, Realtime, Tap, TapSettings, TappedSample};
-use isotherm_recording::rows::RecordedRow;
+use isotherm_recording::rows::{RecordedOffset, RecordedRow};
 use isotherm_recording_formats::write::{FileError, Files, PatientFiles};
 use isotherm_shared::names::StreamKind;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -153,9 +153,11 @@ impl Recorder {
     /// Writes up to [`BATCH`] rows from the queue. Returns whether there was one.
     fn take(&mut self) -> Result<bool, FileError> {
         for count in 0..BATCH {
-            let Some(TappedSample { stream, unix_ns, sample, .. }) = self.tap.pop() else { return Ok(count > 0) };
+            let Some(tapped) = self.tap.pop() else { return Ok(count > 0) };
             self.first_row.get_or_insert_with(Instant::now);
-            let row = RecordedRow { imu: self.streams[stream].0, recorded_ns: unix_ns, sample };
+            let TappedSample { stream, unix_ns, unix_offset, sample, .. } = tapped;
+            let unix_offset = RecordedOffset::new(unix_offset.offset_ns, unix_offset.uncertainty_ns);
+            let row = RecordedRow { unix_offset, ..RecordedRow::new(self.streams[stream].0, unix_ns, sample) };
             if self.counts[row.imu].take(row.stream(), row.period(), row.recorded_ns) {
                 self.files.write(row)?;
                 if self.files.is_stalled() {

@@ -7,6 +7,7 @@ use crate::reader::{IncrementReader, RawReader};
 use crate::realtime::Realtime;
 use crate::sync::{AtomicBool, AtomicU64};
 use crate::transport::stream::INCREMENT_DEPTH;
+use crate::unix_time::{UnixClock, UnixOffset};
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::StreamSample;
 use std::io;
@@ -18,8 +19,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Samples that are taken from one stream before the next stream's turn.
 const BATCH: usize = 64;
-/// Pause between two updates of the list of connected streams.
-const CONNECTED_UPDATE: Duration = Duration::from_millis(50);
+/// Pause between two updates of the list of connected streams, and of the offset of Unix time.
+const UPDATE: Duration = Duration::from_millis(50);
 
 /// Settings of a tap.
 #[derive(Clone, Debug)]
@@ -41,6 +42,8 @@ pub struct TappedSample {
     pub received_ns: u64,
     /// Unix time when it was received \[ns\].
     pub unix_ns: u64,
+    /// How far Unix time is ahead of `CLOCK_MONOTONIC`, measured within the 50 ms before.
+    pub unix_offset: UnixOffset,
     /// The sample.
     pub sample: StreamSample,
 }
@@ -158,14 +161,14 @@ fn drain(
     pause: Duration,
     shared: &TapShare,
 ) -> Result<Vec<u64>, ConnectError> {
-    let mut updated = Instant::now();
+    let (mut updated, mut unix) = (Instant::now(), UnixClock::new());
     // After `end` the queues are emptied, in a limited number of rounds: a stream that never pauses must not prevent
     // the end.
     let mut last_rounds = INCREMENT_DEPTH.div_ceil(BATCH);
     loop {
         let mut received = false;
         for (stream, reader) in readers.iter_mut().enumerate() {
-            match take(stream, reader, samples, shared) {
+            match take(stream, reader, unix.offset(), samples, shared) {
                 Ok(any) => received |= any,
                 // For example, a peer died during the call. A later call reaches its successor.
                 Err(ConnectError::Transport { phase, cause }) => {
@@ -184,8 +187,10 @@ fn drain(
         if !received {
             thread::sleep(pause);
         }
-        if updated.elapsed() > CONNECTED_UPDATE {
+        if updated.elapsed() > UPDATE {
             updated = Instant::now();
+            // A step shows in the offset.
+            unix.look();
             let bit = |(stream, reader): (usize, &StreamReader)| u64::from(reader.is_connected()) << stream;
             shared.connected.store(readers.iter().enumerate().map(bit).sum(), Relaxed);
         }
@@ -197,6 +202,7 @@ fn drain(
 fn take(
     stream: usize,
     reader: &mut StreamReader,
+    unix_offset: UnixOffset,
     samples: &SyncSender<TappedSample>,
     shared: &TapShare,
 ) -> Result<bool, ConnectError> {
@@ -207,7 +213,8 @@ fn take(
         };
         let Some(sample) = sample else { return Ok(count > 0) };
         let unix_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
-        if samples.try_send(TappedSample { stream, received_ns: monotonic_ns(), unix_ns, sample }).is_err() {
+        let sample = TappedSample { stream, received_ns: monotonic_ns(), unix_ns, unix_offset, sample };
+        if samples.try_send(sample).is_err() {
             shared.overflow.fetch_add(1, Relaxed);
         }
     }

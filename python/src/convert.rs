@@ -138,7 +138,7 @@ pub(crate) fn write_ros(
     let write = || -> io::Result<()> {
         write_file(&path, |sink| {
             let mut writer = RosWriter::new(sink, &[(0, known.imu())], std::slice::from_ref(&known))?;
-            let mut write = |recorded_ns, sample| writer.write(&RecordedRow { imu: 0, recorded_ns, sample });
+            let mut write = |recorded_ns, sample| writer.write(&RecordedRow::new(0, recorded_ns, sample));
             let mut raw = samples.chunks_exact(RAW).map(|record| Fields(record).raw());
             for record in increments.chunks_exact(INCREMENT) {
                 checkpoint();

@@ -29,9 +29,12 @@ pub(crate) enum RowChecks {
 
 /// The layouts of a recorder's files: every choice of columns.
 pub fn layouts() -> impl Iterator<Item = (StreamKind, Layout)> {
-    let of = |bits: u8| Layout { device: bits & 1 != 0, gyroscopes: bits & 2 != 0, lag: bits & 4 != 0 };
-    let raw = (0..8).map(move |bits| (StreamKind::Raw, of(bits)));
-    raw.chain([0, 2].map(|bits| (StreamKind::Increment, of(bits))))
+    let of = |bits: u8| {
+        let [device, gyroscopes, lag, unix_offset] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
+        Layout { device, gyroscopes, lag, unix_offset }
+    };
+    let raw = (0..16).map(move |bits| (StreamKind::Raw, of(bits)));
+    raw.chain([0, 2, 8, 10].map(move |bits| (StreamKind::Increment, of(bits))))
 }
 
 /// Appends the check of the row that begins at `begin`: a comma and 8 digits.

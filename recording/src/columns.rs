@@ -33,6 +33,8 @@ pub enum ColumnSet {
     Lag,
     /// Files of an IMU with gyroscopes, of samples with lagged temperature: all columns of the set.
     LaggedGyroscopes,
+    /// Files of a recorder that measures the offset of Unix time.
+    UnixOffset,
 }
 
 /// A column: name, type and unit.
@@ -59,6 +61,8 @@ pub struct Layout {
     pub gyroscopes: bool,
     /// Time constant and lagged temperature.
     pub lag: bool,
+    /// The offset of Unix time, and its uncertainty.
+    pub unix_offset: bool,
 }
 
 impl Layout {
@@ -68,7 +72,7 @@ impl Layout {
         match sample {
             StreamSample::Raw(raw) => {
                 let gyroscopes = !raw.gyroscopes.is_absent();
-                Self { device: raw.device != 0, gyroscopes, lag: raw.lag_ns != 0 }
+                Self { device: raw.device != 0, gyroscopes, lag: raw.lag_ns != 0, unix_offset: false }
             }
             StreamSample::Increment(increment) => {
                 let flags = Flags(increment.flags).intersects(GYROSCOPE_FLAGS);
@@ -85,6 +89,7 @@ impl Layout {
             device: self.device || other.device,
             gyroscopes: self.gyroscopes || other.gyroscopes,
             lag: self.lag || other.lag,
+            unix_offset: self.unix_offset || other.unix_offset,
         }
     }
 
@@ -93,7 +98,7 @@ impl Layout {
     pub const fn of_stream(self, stream: StreamKind) -> Self {
         match stream {
             StreamKind::Raw => self,
-            StreamKind::Increment => Self { device: false, gyroscopes: self.gyroscopes, lag: false },
+            StreamKind::Increment => Self { device: false, lag: false, ..self },
         }
     }
 
@@ -106,6 +111,7 @@ impl Layout {
             ColumnSet::Gyroscopes => self.gyroscopes,
             ColumnSet::Lag => self.lag,
             ColumnSet::LaggedGyroscopes => self.gyroscopes && self.lag,
+            ColumnSet::UnixOffset => self.unix_offset,
         }
     }
 }
@@ -141,6 +147,11 @@ pub const DEVICE: usize = 19;
 pub const GYROSCOPES: usize = 20;
 /// Index of `lag_ns` in [`RAW`]. The lagged head temperature of A1 to A3 and G1 to G3 follows.
 pub const LAG_NS: usize = 32;
+
+/// Index in [`RAW`] of the columns of the recorder's offset of Unix time.
+pub const UNIX_OFFSET: usize = GYROSCOPES_LAGGED + AXES;
+/// The name of the offset of Unix time; the other column of its set has the uncertainty.
+pub(crate) const UNIX_OFFSET_NS: &str = "unix_offset_ns";
 
 /// Number of columns of a sensor, without the lagged temperature.
 const PER_SENSOR: usize = 4;
@@ -189,8 +200,18 @@ const fn lagged(number: u64, set: ColumnSet, name: &'static str) -> Column {
     column(number, set, name, ColumnKind::F64, "unit of the table's temperature; the head's behind the lag")
 }
 
+/// The offset of Unix time, with the numbers of its columns.
+const fn unix_offset([offset, uncertainty]: [u64; 2]) -> [Column; 2] {
+    let of_offset = "ns, Unix time less CLOCK_MONOTONIC of the machine that recorded; 0 = unknown";
+    let of_uncertainty = "ns, bound of the error of unix_offset_ns; 0 = unknown";
+    [
+        column(offset, ColumnSet::UnixOffset, UNIX_OFFSET_NS, ColumnKind::U64, of_offset),
+        column(uncertainty, ColumnSet::UnixOffset, "unix_offset_uncertainty_ns", ColumnKind::U64, of_uncertainty),
+    ]
+}
+
 /// Columns of raw samples. New ones are added at the end.
-pub const RAW: [Column; 39] = [
+pub const RAW: [Column; 41] = [
     HEAD[0],
     HEAD[1],
     HEAD[2],
@@ -242,6 +263,8 @@ pub const RAW: [Column; 39] = [
     lagged(37, ColumnSet::LaggedGyroscopes, "g1_head_lagged"),
     lagged(38, ColumnSet::LaggedGyroscopes, "g2_head_lagged"),
     lagged(39, ColumnSet::LaggedGyroscopes, "g3_head_lagged"),
+    unix_offset([40, 41])[0],
+    unix_offset([40, 41])[1],
 ];
 
 /// A column of velocity increments.
@@ -257,7 +280,7 @@ const fn angle(number: u64, name: &'static str) -> Column {
 }
 
 /// Columns of increments.
-pub const INCREMENT: [Column; 16] = [
+pub const INCREMENT: [Column; 18] = [
     HEAD[0],
     HEAD[1],
     HEAD[2],
@@ -280,10 +303,12 @@ pub const INCREMENT: [Column; 16] = [
         ColumnKind::U64,
         "ns, from sending the raw sample to publishing the increment",
     ),
+    unix_offset([17, 18])[0],
+    unix_offset([17, 18])[1],
 ];
 
 /// The value of the column with this index in [`RAW`]: an integer, or the bits of a double. A sample has no
-/// `recorded_ns`.
+/// `recorded_ns`, and no offset of Unix time.
 #[must_use]
 pub fn load(raw: &RawSample, index: usize) -> u64 {
     let part = |triad: &Triad, index: usize| {
@@ -309,13 +334,14 @@ pub fn load(raw: &RawSample, index: usize) -> u64 {
         ACCELEROMETERS_LAGGED..GYROSCOPES_LAGGED => {
             raw.accelerometers.head_lagged[index - ACCELEROMETERS_LAGGED].to_bits()
         }
-        GYROSCOPES_LAGGED.. => raw.gyroscopes.head_lagged[(index - GYROSCOPES_LAGGED) % AXES].to_bits(),
+        GYROSCOPES_LAGGED..UNIX_OFFSET => raw.gyroscopes.head_lagged[index - GYROSCOPES_LAGGED].to_bits(),
         _ => 0,
     }
 }
 
 /// Stores a value of the column with this index in [`RAW`] in a sample: an integer, or the bits of a double.
-/// `recorded_ns` and `sent_ns` are ignored: samples that are read from a recording do not have them.
+/// `recorded_ns`, `sent_ns` and the offset of Unix time are ignored: samples that are read from a recording do not have
+/// them.
 pub fn store(raw: &mut RawSample, index: usize, value: u64) {
     let part = |triad: &mut Triad, index: usize| {
         let sensor = index / PER_SENSOR % AXES;
@@ -339,7 +365,9 @@ pub fn store(raw: &mut RawSample, index: usize, value: u64) {
         ACCELEROMETERS_LAGGED..GYROSCOPES_LAGGED => {
             raw.accelerometers.head_lagged[index - ACCELEROMETERS_LAGGED] = f64::from_bits(value);
         }
-        GYROSCOPES_LAGGED.. => raw.gyroscopes.head_lagged[(index - GYROSCOPES_LAGGED) % AXES] = f64::from_bits(value),
+        GYROSCOPES_LAGGED..UNIX_OFFSET => {
+            raw.gyroscopes.head_lagged[index - GYROSCOPES_LAGGED] = f64::from_bits(value);
+        }
         _ => {}
     }
 }
@@ -396,7 +424,7 @@ pub fn incomplete<'a>(
         ColumnSet::Gyroscopes => gyroscopes,
         ColumnSet::Lag => lag,
         ColumnSet::LaggedGyroscopes => gyroscopes && lag,
-        ColumnSet::Always | ColumnSet::Recorder | ColumnSet::Device => false,
+        ColumnSet::Always | ColumnSet::Recorder | ColumnSet::Device | ColumnSet::UnixOffset => false,
     };
     columns.clone().filter(|(name, set)| needed(*set) && !found(name)).map(|(name, _)| name).collect()
 }
@@ -451,12 +479,12 @@ mod tests {
              a3_positive a3_negative a3_head a3_board device \
              g1_positive g1_negative g1_head g1_board g2_positive g2_negative g2_head g2_board \
              g3_positive g3_negative g3_head g3_board lag_ns a1_head_lagged a2_head_lagged a3_head_lagged \
-             g1_head_lagged g2_head_lagged g3_head_lagged"
+             g1_head_lagged g2_head_lagged g3_head_lagged unix_offset_ns unix_offset_uncertainty_ns"
         );
         assert_eq!(
             numbered(&INCREMENT),
             "recorded_ns session sequence timestamp_ns interval_ns a1_dv a2_dv a3_dv table flags delivery flag_bits \
-             latency_ns g1_da g2_da g3_da"
+             latency_ns g1_da g2_da g3_da unix_offset_ns unix_offset_uncertainty_ns"
         );
     }
 
@@ -470,7 +498,8 @@ mod tests {
         };
         (0..RAW.len()).for_each(|index| store(&mut raw, index, bits(index)));
         for (index, column) in RAW.iter().enumerate() {
-            let kept = if [RECORDED_NS, SENT_NS].contains(&index) { 0 } else { bits(index) };
+            let is_ignored = [RECORDED_NS, SENT_NS].contains(&index) || column.set == ColumnSet::UnixOffset;
+            let kept = if is_ignored { 0 } else { bits(index) };
             assert_eq!(load(&raw, index), kept, "{}", column.name);
         }
         assert_eq!(raw.gyroscopes.board_temperature[2], 100.0 + 31.0);

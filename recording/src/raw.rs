@@ -2,7 +2,7 @@
 
 use crate::columns::{
     ACCELEROMETERS, ColumnKind, ColumnSet, DEVICE, GYROSCOPES, INCOMPLETE_HINT, INTERVAL_NS, LAG_NS, Layout, RAW,
-    RECORDED_NS, SENT_NS, SEQUENCE, SESSION, TELEMETRY_NS, TIMESTAMP_NS, incomplete, load, store,
+    RECORDED_NS, SENT_NS, SEQUENCE, SESSION, TELEMETRY_NS, TIMESTAMP_NS, UNIX_OFFSET, incomplete, load, store,
 };
 use crate::csv::{CsvColumn, Rows, missing_columns};
 use crate::error::RecordingError;
@@ -147,7 +147,7 @@ impl RawColumns {
             match (index, header.optional_column(column.name)?) {
                 (RECORDED_NS, found) => recorded_ns = found,
                 // It says nothing about the sample.
-                (SENT_NS, _) | (_, None) => {}
+                (SENT_NS | UNIX_OFFSET.., _) | (_, None) => {}
                 (_, Some(found)) => stored.push((index, found)),
             }
         }
@@ -312,7 +312,7 @@ fn append_plain(value: f64, row: &mut Vec<u8>) {
 
 /// The columns of a file, by their index in [`RAW`].
 fn columns(telemetry_ns: bool, layout: Layout) -> Vec<usize> {
-    let sensors = (ACCELEROMETERS..RAW.len()).filter(|index| *index != DEVICE && layout.has(&RAW[*index]));
+    let sensors = (ACCELEROMETERS..UNIX_OFFSET).filter(|index| *index != DEVICE && layout.has(&RAW[*index]));
     let last = telemetry_ns.then_some(TELEMETRY_NS).into_iter().chain(layout.device.then_some(DEVICE));
     [SEQUENCE, TIMESTAMP_NS, INTERVAL_NS].into_iter().chain(sensors).chain(last).collect()
 }
@@ -448,7 +448,7 @@ mod tests {
         for (leading, values) in [("", ""), ("set_point_c,position", "-25,1")] {
             for bits in 0..16 {
                 let [telemetry_ns, device, gyroscopes, lag] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
-                let layout = Layout { device, gyroscopes, lag };
+                let layout = Layout { device, gyroscopes, lag, unix_offset: false };
                 let mut writer = RawCsvWriter::with_layout(Vec::new(), leading, telemetry_ns, layout).unwrap();
                 writer.write(values, &first).unwrap();
                 let file = writer.finish().unwrap();
@@ -489,7 +489,7 @@ mod tests {
 
     /// The header of a file with all columns, without these.
     fn header_without(names: &[&str]) -> String {
-        let layout = Layout { device: true, gyroscopes: true, lag: true };
+        let layout = Layout { device: true, gyroscopes: true, lag: true, unix_offset: false };
         let header = String::from_utf8(RawCsvWriter::with_layout(Vec::new(), "", true, layout).unwrap().sink).unwrap();
         header.trim().split(',').filter(|name| !names.contains(name)).collect::<Vec<_>>().join(",")
     }
@@ -497,7 +497,7 @@ mod tests {
     #[test]
     fn a_part_of_the_columns_of_gyroscopes_or_lag_is_refused_by_name() {
         let gyroscopes: Vec<_> = RAW[GYROSCOPES..LAG_NS].iter().map(|column| column.name).collect();
-        let lag: Vec<_> = RAW[LAG_NS..].iter().map(|column| column.name).collect();
+        let lag: Vec<_> = RAW[LAG_NS..UNIX_OFFSET].iter().map(|column| column.name).collect();
         assert_eq!((gyroscopes[0], gyroscopes.len(), lag[0], lag.len()), ("g1_positive", 12, "lag_ns", 7));
         for name in gyroscopes.iter().chain(&lag) {
             let refused = read(&header_without(&[name])).unwrap_err();

@@ -1,11 +1,33 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
 use crate::check;
-use crate::columns::{Column, ColumnKind, Layout, RECORDED_NS, all, load, load_increment};
+use crate::columns::{Column, ColumnKind, ColumnSet, Layout, RECORDED_NS, UNIX_OFFSET_NS, all, load, load_increment};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::sequence::Period;
 use isotherm_shared::wire::{Flags, StreamSample};
 use std::io::Write as _;
+
+/// How far Unix time was ahead of `CLOCK_MONOTONIC` when a recorder received a sample.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct RecordedOffset {
+    offset_ns: u64,
+    uncertainty_ns: u64,
+}
+
+impl RecordedOffset {
+    /// An offset that lies within this uncertainty \[ns\]; `None` for a clock that is set to a time before 1970.
+    #[must_use]
+    pub fn new(offset_ns: i64, uncertainty_ns: u64) -> Option<Self> {
+        // Where 0 means unknown, the narrowest bound is 1.
+        u64::try_from(offset_ns).ok().map(|offset_ns| Self { offset_ns, uncertainty_ns: uncertainty_ns.max(1) })
+    }
+
+    /// The Unix time at this time of `CLOCK_MONOTONIC` \[ns\].
+    #[must_use]
+    pub const fn unix_ns(self, monotonic_ns: u64) -> u64 {
+        self.offset_ns.saturating_add(monotonic_ns)
+    }
+}
 
 /// A sample as a recorder received it.
 #[derive(Clone, Copy, Debug)]
@@ -14,11 +36,25 @@ pub struct RecordedRow {
     pub imu: usize,
     /// When the recorder received it, Unix time \[ns\].
     pub recorded_ns: u64,
+    /// The offset of Unix time then, where the recorder measures it.
+    pub unix_offset: Option<RecordedOffset>,
     /// The sample.
     pub sample: StreamSample,
 }
 
 impl RecordedRow {
+    /// A row without an offset of Unix time.
+    #[must_use]
+    pub const fn new(imu: usize, recorded_ns: u64, sample: StreamSample) -> Self {
+        Self { imu, recorded_ns, unix_offset: None, sample }
+    }
+
+    /// The columns that the row needs.
+    #[must_use]
+    pub fn layout(&self) -> Layout {
+        Layout { unix_offset: self.unix_offset.is_some(), ..Layout::of(&self.sample) }
+    }
+
     /// The stream that the sample came from.
     pub const fn stream(&self) -> StreamKind {
         match self.sample {
@@ -51,6 +87,9 @@ impl RecordedRow {
             if layout.has(column) {
                 let value = match &self.sample {
                     _ if index == RECORDED_NS => self.recorded_ns,
+                    _ if column.set == ColumnSet::UnixOffset => self.unix_offset.map_or(0, |offset| {
+                        if column.name == UNIX_OFFSET_NS { offset.offset_ns } else { offset.uncertainty_ns }
+                    }),
                     StreamSample::Raw(raw) => load(raw, index),
                     StreamSample::Increment(increment) => load_increment(increment, index),
                 };

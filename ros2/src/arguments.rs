@@ -1,6 +1,6 @@
 //! The command line of the program `isotherm-ros2`, also for its manual page.
 
-use crate::description::NodeDescription;
+use crate::description::{NO_SIMULATED_TIME, NodeDescription};
 use clap::{CommandFactory as _, Parser};
 use isotherm_acquire::{Description, MessageQueue};
 use isotherm_client::ImuId;
@@ -49,14 +49,28 @@ pub struct NodeArguments {
     /// Choose the format of log lines
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT")]
     pub log_format: LogFormat,
+    /// Take no arguments of ROS 2
+    ///
+    /// Take no arguments of ROS 2 behind this option, with which its launch files end each command line. Names of
+    /// topics and frames are in the description, and simulated time (use_sim_time) is not followed
+    #[arg(long, value_name = "ARGUMENT", num_args = 0.., allow_hyphen_values = true)]
+    ros_args: Vec<String>,
 }
 
 impl NodeArguments {
     /// The description of the node.
     ///
     /// # Errors
-    /// If its file cannot be read, and everything that is wrong with it.
+    /// If its file cannot be read, and everything that is wrong with it; if there are arguments of ROS 2.
     pub fn description(&self) -> Result<NodeDescription, Failure> {
+        if self.ros_args.iter().any(|argument| argument != "--") {
+            let all = self.ros_args.join(" ");
+            let message = format!(
+                "--ros-args {all}: this node takes no arguments of ROS 2; names of topics and frames are in its \
+                 description, and {NO_SIMULATED_TIME}"
+            );
+            return Err(Failure::new(Exit::Usage, message));
+        }
         let Some(path) = &self.description else {
             let mut imus = self.imus.clone();
             imus.sort();

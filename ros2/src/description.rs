@@ -13,6 +13,10 @@ const RESOLUTION: f64 = 1e-6;
 const ORTHOGONAL: f64 = 1e-6;
 /// Messages that a topic keeps unless given.
 const DEPTH: usize = 10;
+/// What becomes of `use_sim_time`.
+pub(crate) const NO_SIMULATED_TIME: &str = "simulated time (use_sim_time) is not followed: stamps are of this machine's \
+                                            Unix time; for a driver on another time, as of a bag that is played, give \
+                                            clock = \"other\" in [[subscribe]]";
 /// The highest domain that ROS 2 has ports for.
 const MAX_DOMAIN: i64 = 232;
 
@@ -83,6 +87,8 @@ pub struct OutputSettings {
     pub has_other_clock: bool,
     /// How its messages are kept.
     pub queue: QueueSettings,
+    /// The temperature \[degC\] that is taken for the driver's of which this node makes the IMU: nobody measures it.
+    pub assumed_temperature: Option<f64>,
 }
 
 impl OutputSettings {
@@ -99,6 +105,7 @@ impl OutputSettings {
             invalid: InvalidPolicy::Omit,
             has_other_clock: false,
             queue: QueueSettings { is_reliable: true, depth: DEPTH },
+            assumed_temperature: None,
         }
     }
 
@@ -184,8 +191,12 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Option<NodeDescription> {
     let inputs: Vec<_> = root.list("subscribe").into_iter().map(input).collect();
     let is_empty = outputs.is_empty() && inputs.is_empty();
     root.fault_if(is_empty, "publish", "missing; give [[publish]] with an imu, or [[subscribe]] with imu and topic");
-    let outputs: Vec<_> = outputs.into_iter().collect::<Option<_>>()?;
-    let inputs: Vec<_> = inputs.into_iter().collect::<Option<_>>()?;
+    let mut outputs: Vec<_> = outputs.into_iter().collect::<Option<_>>()?;
+    let inputs: Vec<InputSettings> = inputs.into_iter().collect::<Option<_>>()?;
+    for output in &mut outputs {
+        let input = inputs.iter().find(|input| input.samples.imu == output.imu);
+        output.assumed_temperature = input.and_then(|input| input.samples.temperature);
+    }
     let node = NodeDescription { outputs, inputs, ..node };
     refuse_conflicts(root, &node);
     Some(node)
@@ -198,6 +209,8 @@ fn of_node(section: Section<'_, '_>, node: NodeDescription) -> NodeDescription {
     let domain_id = section.optional_integer("domain_id", 0..=MAX_DOMAIN).map(|id| id as u16);
     let discovery = section.optional_choice("discovery", &Discovery::NAMES);
     let diagnostics = section.optional_bool("diagnostics").unwrap_or(true);
+    let is_simulated = section.optional_bool("use_sim_time").unwrap_or(false);
+    section.fault_if(is_simulated, "use_sim_time", NO_SIMULATED_TIME);
     section.finish();
     NodeDescription { name: name.to_owned(), domain_id, discovery, diagnostics, ..node }
 }
@@ -237,6 +250,7 @@ fn output(section: Section<'_, '_>, folder: &Path) -> Option<OutputSettings> {
         invalid: invalid.unwrap_or(own.invalid),
         has_other_clock: has_other_clock.unwrap_or(own.has_other_clock),
         queue,
+        assumed_temperature: None,
         imu: own.imu,
     })
 }
@@ -466,5 +480,32 @@ mod tests {
         assert!(faults(twice).contains("two publishers"));
         assert!(faults("format = 1\n").contains("[[publish]]"));
         assert!(faults(&node("/driver/imu", "")).contains("those of one temperature"));
+    }
+
+    #[test]
+    fn a_temperature_that_nobody_measures_is_known_where_the_imu_is_published() {
+        let node = |temperature: &str, published: &str| {
+            let text = format!(
+                "format = 1\n[[publish]]\nimu = \"{published}\"\n[[subscribe]]\nimu = \"imu-a\"\ntopic = \"/driver/imu\"\n\
+                 {temperature}\ninterval_s = 0.01\n"
+            );
+            NodeDescription::from_toml(&text, Path::new("")).unwrap().outputs[0].assumed_temperature
+        };
+        assert_eq!(node("temperature_c = 20", "imu-a"), Some(20.0));
+        assert_eq!(node("temperature_c = 20", "imu-b"), None);
+        assert_eq!(node("temperature_topic = \"/driver/temperature\"", "imu-a"), None);
+    }
+
+    #[test]
+    fn simulated_time_is_refused_with_what_can_be_done() {
+        let node = |value: &str| {
+            faults(&format!("format = 1\n[ros2]\nuse_sim_time = {value}\n[[publish]]\nimu = \"imu-a\"\n"))
+        };
+        assert_eq!(node("false"), "");
+        assert!(
+            node("true").contains("ros2.use_sim_time: simulated time (use_sim_time) is not followed"),
+            "{}",
+            node("true")
+        );
     }
 }

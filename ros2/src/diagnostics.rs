@@ -20,6 +20,8 @@ pub struct OutputReport {
     pub stamps: StampState,
     /// By how much its times may be off \[ns\].
     pub uncertainty_ns: u64,
+    /// The temperature \[degC\] that is taken for its own, where nobody measures it.
+    pub assumed_temperature: Option<f64>,
 }
 
 /// The diagnostics of a node: of the service, and of each IMU that is published. `before` is the status of the
@@ -98,6 +100,7 @@ fn imu(report: &OutputReport, status: Option<&ImuStatus>, before: Option<&ImuSta
     };
     of_table(&mut found, status);
     of_samples(&mut found, status, before);
+    of_temperature(&mut found, status, report.assumed_temperature);
     found.message(name, status.serial.clone().unwrap_or_default())
 }
 
@@ -176,6 +179,13 @@ fn of_samples(found: &mut Findings, status: &ImuStatus, before: Option<&ImuStatu
         found.value("latency_p99_us", latency.p99 as f64 / 1e3);
         found.value("latency_max_us", latency.max as f64 / 1e3);
     }
+}
+
+fn of_temperature(found: &mut Findings, status: &ImuStatus, assumed: Option<f64>) {
+    if let Some(assumed) = assumed {
+        found.value("temperature", format!("taken to be {assumed} degC: there is no thermometer"));
+        return;
+    }
     for (axis, temperature) in status.head_temperature.iter().enumerate() {
         if let Some(temperature) = temperature {
             found.value(&format!("temperature_a{}", axis + 1), temperature);
@@ -193,6 +203,7 @@ mod tests {
             counts: OutputCounts { published: 7, ..OutputCounts::default() },
             stamps: StampState::Monotonic,
             uncertainty_ns: 40,
+            assumed_temperature: None,
         }
     }
 

@@ -52,6 +52,16 @@ impl NetworkSettings {
         };
         Ok(Self { domain_id, discovery })
     }
+
+    /// A warning about a variable of ROS 2 that is not followed, for the start.
+    #[must_use]
+    pub fn warning(variable: impl Fn(&str) -> Option<String>) -> Option<String> {
+        let peers = variable("ROS_STATIC_PEERS").filter(|peers| !peers.is_empty())?;
+        Some(format!(
+            "warning: ROS_STATIC_PEERS is {peers:?}, which this node does not follow: it is found by multicast, and by a \
+             peer that names this machine among its own static peers"
+        ))
+    }
 }
 
 #[cfg(test)]
@@ -61,6 +71,15 @@ mod tests {
     fn network(variables: &[(&str, &str)], node: &NodeDescription) -> Result<(u16, Discovery), String> {
         let find = |name: &str| variables.iter().find(|(own, _)| *own == name).map(|(_, value)| (*value).to_owned());
         NetworkSettings::of(node, find).map(|network| (network.domain_id, network.discovery))
+    }
+
+    #[test]
+    fn static_peers_are_not_followed_and_that_is_said() {
+        let warning = |peers: Option<&str>| {
+            NetworkSettings::warning(|name| peers.filter(|_| name == "ROS_STATIC_PEERS").map(str::to_owned))
+        };
+        assert_eq!((warning(None), warning(Some(""))), (None, None));
+        assert!(warning(Some("10.0.0.7")).unwrap().contains("ROS_STATIC_PEERS is \"10.0.0.7\""));
     }
 
     #[test]

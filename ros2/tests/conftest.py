@@ -5,6 +5,7 @@ ISOTHERM_BUILT is the folder with the programs isotherm and isotherm-ros2; targe
 """
 
 import csv
+import fcntl
 import glob
 import json
 import math
@@ -91,6 +92,23 @@ class Running:
         return self.process.wait(timeout=LIMIT)
 
 
+def fast_dds_objects():
+    """Names of segments and ports of Fast DDS in shared memory, which stay behind when a peer is killed."""
+    return {lock.removesuffix("_el") for lock in glob.glob("/dev/shm/fastdds_*_el")}
+
+
+def remove_if_unused(name):
+    """Removes an object of Fast DDS whose lock no process holds any more."""
+    with open(f"{name}_el") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return
+        folder, base = os.path.split(name)
+        for path in (name, f"{folder}/sem.{base}_mutex", f"{name}_el"):
+            Path(path).unlink(missing_ok=True)
+
+
 class World:
     """The folder and the domains of one test."""
 
@@ -104,6 +122,7 @@ class World:
         # The domains of ROS 2 that no other program on this machine is likely to have.
         self.ros_domain = 100 + (os.getpid() * 7 + World.count) % 100
         self.all = []
+        self.objects = fast_dds_objects()
         self.env = dict(os.environ)
         for variable in ["ISOTHERM_LOG", "ISOTHERM_STATE", "ROS_LOCALHOST_ONLY", "CYCLONEDDS_URI"]:
             self.env.pop(variable, None)
@@ -113,8 +132,6 @@ class World:
             "ROS_DOMAIN_ID": str(self.ros_domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
-            # Its shared memory stays behind when a peer is killed.
-            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
             "ROS_LOG_DIR": str(folder / "log"),
             "CYCLONEDDS_URI": "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/>"
             "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
@@ -160,11 +177,20 @@ class World:
         return json.loads(self.isotherm("status", "--json"))
 
     def close(self):
-        for running in self.all:
-            if running.process.poll() is None:
+        """Ends what runs, and removes what was killed has left in shared memory."""
+        left = [running for running in self.all if running.process.poll() is None]
+        for running in left:
+            if running.process.stdin:
+                running.process.stdin.close()
+            running.process.terminate()
+        for running in left:
+            try:
+                running.process.wait(timeout=10)
+            except subprocess.TimeoutExpired:
                 running.kill()
-        for left in glob.glob(f"/dev/shm/isotherm_{self.name}_*"):
-            os.unlink(left)
+        self.isotherm("clean")
+        for name in fast_dds_objects() - self.objects:
+            remove_if_unused(name)
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import time
 
 import driver
 import rclpy
+import rclpy.parameter
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, Temperature
@@ -73,6 +74,7 @@ def main():
     parser.add_argument("--depth", type=int, default=2000)
     parser.add_argument("--latencies", type=int, help="print those of so many messages, and end")
     parser.add_argument("--after", type=int, default=0, help="so many messages")
+    parser.add_argument("--simulated-time", action="store_true", help="follow /clock")
     driver.add_arguments(parser)
     arguments = parser.parse_args()
     reliability = ReliabilityPolicy.BEST_EFFORT if arguments.best_effort else ReliabilityPolicy.RELIABLE
@@ -83,7 +85,8 @@ def main():
         depth=arguments.depth,
     )
     rclpy.init()
-    node = rclpy.create_node(f"peer_{arguments.do}")
+    simulated = rclpy.parameter.Parameter("use_sim_time", value=arguments.simulated_time)
+    node = rclpy.create_node(f"peer_{arguments.do}", parameter_overrides=[simulated])
     if arguments.do == "subscribe":
 
         def take(message):

@@ -87,6 +87,31 @@ def test_the_nodes_own_topic_is_refused_as_its_input(world):
     node.wait_for("is what this node publishes")
 
 
+def test_a_temperature_that_nobody_measures_is_said_and_not_published(world):
+    recorder, node = begin(world)
+    node.wait_for("no thermometer: the temperature is taken to be 25 degC, and nothing is compensated for it")
+    diagnostics = world.peer("fastdds", "subscribe", "/diagnostics", "DiagnosticArray")
+    # A topic that the node does not have: a publisher of the test's own is the only one.
+    thermometer = world.peer("fastdds", "subscribe", "/imu_mems/imu/temperature", "Temperature")
+    thermometer.wait_for("ready")
+    driver = world.peer("fastdds", *DRIVER, "--count", "800")
+    driver.wait_for("driven")
+
+    def found():
+        arrays = diagnostics.messages()
+        all = [status["values"] for array in arrays for status in array["status"] if status["name"] == "isotherm: imu-mems"]
+        return [values for values in all if values.get("received", "0") != "0"]
+
+    diagnostics.wait_until(lambda: len(found()) > 1, "diagnostics with samples")
+    assert found()[-1]["temperature"] == "taken to be 25 degC: there is no thermometer"
+    assert not any(key.startswith("temperature_a") for key in found()[-1])
+    own = world.peer("fastdds", "publish", "/imu_mems/imu/temperature", "Temperature")
+    own.wait_for("matched")
+    own.send({"stamp_ns": 0, "temperature": 31.5})
+    assert [message["temperature"] for message in thermometer.wait_for_messages(1)] == [31.5]
+    assert node.end() == 0 and recorder.end() == 0
+
+
 def test_a_topic_of_another_type_is_said(world):
     recorder, node = begin(world)
     world.peer("fastdds", "subscribe", "/driver/imu/data_raw", "Temperature").wait_for("ready")

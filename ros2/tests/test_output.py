@@ -80,6 +80,26 @@ def test_a_clock_that_is_not_the_monotonic_one_is_found_out(world):
     assert subscriber.messages() == []
 
 
+def test_simulated_time_and_static_peers_are_said_not_to_be_followed(world):
+    refused = world.start([world.built / "isotherm-ros2", "--imu", "imu-a", "--ros-args", "-p", "use_sim_time:=true"])
+    assert refused.process.wait(timeout=60) == 64
+    refused.wait_for("--ros-args -p use_sim_time:=true: this node takes no arguments of ROS 2")
+    refused.wait_for("simulated time (use_sim_time) is not followed")
+    description = world.write("simulated.toml", NODE.replace("[[publish]]", "[ros2]\nuse_sim_time = true\n[[publish]]"))
+    refused = world.start([world.built / "isotherm-ros2", description])
+    assert refused.process.wait(timeout=60) == 78
+    refused.wait_for("ros2.use_sim_time: simulated time (use_sim_time) is not followed")
+    serve(world)
+    world.env["ROS_STATIC_PEERS"] = "127.0.0.1"
+    # Launch files end each command line so.
+    node = world.node("--imu", "imu-a", "--ros-args")
+    node.wait_for('ROS_STATIC_PEERS is "127.0.0.1", which this node does not follow')
+    del world.env["ROS_STATIC_PEERS"]
+    world.peer("fastdds", "subscribe", "/imu_a/imu/data_raw", "Imu", "--simulated-time")
+    node.wait_for("/clock is in this domain: other nodes may be on simulated time")
+    assert node.end() == 0
+
+
 @pytest.mark.parametrize("policy", ["omit", "nan"])
 def test_what_is_not_whole_is_counted_and_never_a_number(world, policy):
     serve(world)

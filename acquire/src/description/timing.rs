@@ -15,6 +15,8 @@ pub(crate) struct Timing {
     pub(crate) latency: Option<(usize, f64)>,
     /// The place of the device's clock in a row, its unit \[ns\], and how it counts.
     pub(crate) clock: Option<(usize, u64, DeviceClock)>,
+    /// The number of the source of pulses with which the second of that clock begins.
+    pub(crate) pulses: Option<u32>,
 }
 
 const UNITS: [(u64, &str); 4] = [(1_000_000_000, "s"), (1_000_000, "ms"), (1_000, "us"), (1, "ns")];
@@ -59,7 +61,9 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
         latency.finish();
         Some((column?, unit? as f64))
     });
+    let mut pulses = None;
     let clock = section.optional_section("time").and_then(|time| {
+        pulses = time.optional_integer("pps", 0..=1023).map(|number| number as u32);
         let column = names.of_section(&time);
         let unit = time.choice("unit", &UNITS);
         let of_type = column.and_then(|column| names.width(column));
@@ -74,5 +78,5 @@ pub(super) fn read(root: &Section<'_, '_>, names: &mut Names) -> Option<Timing> 
         section.fault("latency", "is given in addition to time, the device's own clock; leave one out");
     }
     section.finish();
-    Some(Timing { interval_ns: right?.round() as u64, counter, latency, clock })
+    Some(Timing { interval_ns: right?.round() as u64, counter, latency, clock, pulses })
 }

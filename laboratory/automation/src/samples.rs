@@ -340,7 +340,7 @@ impl<'p> SampleRecorder<'p> {
     /// The columns of a new file: the gyroscopes' if they are calibrated, the device's if the samples show it.
     fn layout(&self) -> Layout {
         let device = self.last.is_some_and(|last| last.device != 0);
-        Layout { device, gyroscopes: !self.plan.turns.is_empty(), lag: false }
+        Layout { device, gyroscopes: !self.plan.turns.is_empty(), lag: false, unix_offset: false }
     }
 
     /// Forgets the last sample and the clock offset, after an interruption: one sample with a wrong time must not make
@@ -429,7 +429,7 @@ fn layout_of(file: &File) -> io::Result<Layout> {
     let mut header = String::new();
     BufReader::new(file).take(MAX_HEADER).read_line(&mut header)?;
     let has = |name: &str| header.trim_end().split(',').any(|column| column == name);
-    Ok(Layout { device: has("device"), gyroscopes: has("g1_positive"), lag: false })
+    Ok(Layout { device: has("device"), gyroscopes: has("g1_positive"), lag: false, unix_offset: false })
 }
 
 #[cfg(test)]

@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             gyroscopes: triad(&mut random, [300, 400, 600], celsius),
             ..RawSample::default()
         };
-        let row = RecordedRow { imu: 0, recorded_ns: timestamp_ns, sample: StreamSample::Raw(raw) };
+        let row = RecordedRow::new(0, timestamp_ns, StreamSample::Raw(raw));
         files.write(&row).map_err(|error| Failure::from(error).message)?;
         if files.is_flush_due() {
             files.flush().map_err(|error| Failure::from(error).message)?;

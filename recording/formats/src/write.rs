@@ -7,6 +7,7 @@ mod open;
 pub(crate) mod parquet;
 mod patient;
 mod pieces;
+mod publication;
 mod ros;
 mod stream;
 mod vacant;

@@ -19,7 +19,7 @@ use isotherm_client::Options;
 use isotherm_files::end_signals;
 use isotherm_ros2::{NetworkSettings, NodeArguments, command, write_nominal};
 use isotherm_service::{StatusSource, commands, logging};
-use isotherm_support::failure::{Exit, Failure, tell_as_events};
+use isotherm_support::failure::{Exit, Failure, tell, tell_as_events};
 use network::Network;
 use output::Output;
 use report::Reporter;
@@ -47,10 +47,14 @@ fn run(arguments: &NodeArguments) -> Result<(), Failure> {
         return write_nominal(arguments, &description, output);
     }
     let domain = commands::domain(arguments.domain.as_deref())?;
-    let settings = NetworkSettings::of(&description, |name| std::env::var(name).ok());
+    let variable = |name: &str| std::env::var(name).ok();
+    let settings = NetworkSettings::of(&description, variable);
     let settings = settings.map_err(|message| Failure::new(Exit::Usage, message))?;
     logging::start_beside(arguments.log_format, &["rustdds", "ros2_client"]);
     tell_as_events();
+    if let Some(warning) = NetworkSettings::warning(variable) {
+        tell("isotherm-ros2", warning);
+    }
     let end = Arc::new(AtomicBool::new(false));
     for signal in end_signals() {
         let registered = signal_hook::flag::register(signal, Arc::clone(&end));

@@ -99,6 +99,11 @@ impl Network {
         others.map(|found| found.type_name).next()
     }
 
+    /// Whether others have a topic.
+    pub(crate) fn has_topic(&self, topic: &str) -> bool {
+        self.context.discovered_topics().iter().any(|found| found.name.strip_prefix("rt") == Some(topic))
+    }
+
     /// How many subscribers a topic has.
     pub(crate) fn subscribers(&self, topic: &str) -> usize {
         self.node.subscription_count(topic)

@@ -52,6 +52,7 @@ impl Output {
             counts: OutputCounts::default(),
             stamps: StampState::Unknown,
             uncertainty_ns: 0,
+            assumed_temperature: settings.assumed_temperature,
         }));
         let publication = Publication {
             imu: settings.imu.clone(),

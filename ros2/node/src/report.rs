@@ -22,6 +22,8 @@ use tracing::{info, warn};
 const PUBLISHED: Duration = Duration::from_secs(1);
 const TOLD: Duration = Duration::from_secs(60);
 const TOPIC: &str = "/diagnostics";
+/// Where simulated time is, for those who follow it.
+const CLOCK: &str = "/clock";
 const QUEUE: QueueSettings = QueueSettings { is_reliable: true, depth: 10 };
 
 /// Reads the status and says what there is to say.
@@ -33,6 +35,8 @@ pub(crate) struct Reporter {
     unix: UnixClock,
     diagnostics: Option<Publisher<DiagnosticArrayMessage>>,
     imus: Vec<ImuReport>,
+    /// Whether it was said that other nodes may be on simulated time.
+    has_told_clock: bool,
     published: Instant,
     told: Instant,
 }
@@ -41,7 +45,8 @@ pub(crate) struct Reporter {
 struct ImuReport {
     imu: String,
     topic: String,
-    thermometer: Publisher<SensorTemperature>,
+    /// `None` where nobody measures the temperature.
+    thermometer: Option<Publisher<SensorTemperature>>,
     /// The table whose file was read, and what it says.
     table: Option<(String, Option<TableFile>)>,
     subscribers: usize,
@@ -59,7 +64,9 @@ impl Reporter {
         let diagnostics = is_wanted.then(|| network.publisher(TOPIC, DIAGNOSTIC_ARRAY, QUEUE)).transpose()?;
         let imus = description.outputs.iter().map(|output| {
             let topics = output.topics();
-            let thermometer = network.publisher(&topics.temperature, TEMPERATURE, output.queue)?;
+            let is_measured = output.assumed_temperature.is_none();
+            let thermometer =
+                is_measured.then(|| network.publisher(&topics.temperature, TEMPERATURE, output.queue)).transpose()?;
             Ok(ImuReport { imu: output.imu.to_string(), topic: topics.imu, thermometer, table: None, subscribers: 0 })
         });
         let now = Instant::now();
@@ -71,6 +78,7 @@ impl Reporter {
             cause: String::new(),
             unix: UnixClock::new(),
             diagnostics,
+            has_told_clock: false,
             published: now,
             told: now,
         })
@@ -111,6 +119,13 @@ impl Reporter {
             self.published = now;
             self.publish_diagnostics(outputs);
             inputs.iter_mut().for_each(|input| input.look(network));
+            if !self.has_told_clock && network.has_topic(CLOCK) {
+                self.has_told_clock = true;
+                warn!(
+                    "{CLOCK} is in this domain: other nodes may be on simulated time (use_sim_time), which this node does not \
+                     follow; its stamps are of this machine's Unix time"
+                );
+            }
         }
         if now - self.told >= TOLD {
             self.told = now;
@@ -123,10 +138,11 @@ impl Reporter {
         for (report, output) in self.imus.iter_mut().zip(outputs) {
             let Some(imu) = status.imus.iter().find(|imu| imu.id == report.imu) else { continue };
             output.take_errors(report.errors(imu));
-            if let Some(temperature) = temperature_of(imu).filter(|_| imu.rate_hz > 0) {
+            let temperature = temperature_of(imu).filter(|_| imu.rate_hz > 0);
+            if let (Some(temperature), Some(thermometer)) = (temperature, &report.thermometer) {
                 let message = lock(&output.composer).temperature(temperature, stamp);
                 // The next one comes soon.
-                let _ = report.thermometer.publish(message);
+                let _ = thermometer.publish(message);
             }
         }
     }

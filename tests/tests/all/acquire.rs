@@ -11,6 +11,7 @@ mod outages;
 mod pipeline;
 mod ports;
 mod profiles;
+mod pulses;
 mod rates;
 mod recording;
 mod seen;

@@ -56,6 +56,7 @@ mod terminal;
 mod texts;
 mod time_steps;
 mod top;
+mod unix_time;
 mod watchdog;
 mod whole_imu;
 mod whole_recordings;

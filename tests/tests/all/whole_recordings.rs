@@ -41,7 +41,7 @@ fn write(domain: &TestDomain, name: &str, telemetry_ns: bool, layout: Layout, sa
     fs::write(domain.path(name), writer.finish().unwrap()).unwrap();
 }
 
-const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false };
+const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false, unix_offset: false };
 const WITH_LAG: Layout = Layout { lag: true, ..GYROSCOPES };
 const WITH_DEVICE: Layout = Layout { device: true, ..GYROSCOPES };
 

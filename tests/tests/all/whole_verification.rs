@@ -17,7 +17,7 @@ const GRAVITY: f64 = 9.8015;
 const EARTH: [f64; 3] = [9.1, -6.9, 9.648];
 const ANGLES: [f64; 2] = [50.0, 130.0];
 const SECONDS: f64 = 10.0;
-const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false };
+const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false, unix_offset: false };
 
 /// The table with the provenance of a station, whose base is level.
 fn table_text(earth: [f64; 3]) -> String {

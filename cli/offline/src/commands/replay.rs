@@ -147,8 +147,8 @@ impl IncrementWriter {
             Self::Csv(writer) => writer.write(increment),
             Self::Ros(writer) => {
                 let recorded_ns = increment.timestamp_ns;
-                writer.write(&RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Raw(*sample) })?;
-                writer.write(&RecordedRow { imu: 0, recorded_ns, sample: StreamSample::Increment(*increment) })
+                writer.write(&RecordedRow::new(0, recorded_ns, StreamSample::Raw(*sample)))?;
+                writer.write(&RecordedRow::new(0, recorded_ns, StreamSample::Increment(*increment)))
             }
         }
     }

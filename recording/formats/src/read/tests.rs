@@ -72,7 +72,7 @@ fn write(folder: &Path, format: Format, name: &str, imus: &[ImuId], samples: &[R
             let (session, sequence) = (raw.session, raw.sequence);
             let increment = CompensatedIncrement { session, sequence, angle_increment, ..Default::default() };
             for sample in [StreamSample::Raw(raw), StreamSample::Increment(increment)] {
-                files.write(&RecordedRow { imu, recorded_ns: 5, sample }).ok().unwrap();
+                files.write(&RecordedRow::new(imu, 5, sample)).ok().unwrap();
             }
         }
         if count % flush == 0 {

@@ -10,7 +10,7 @@ use crate::write::{Files, Format, Rotation};
 use isotherm_files::{Disk, source, sources};
 use isotherm_recording::Layout;
 use isotherm_recording::Progress;
-use isotherm_recording::rows::RecordedRow;
+use isotherm_recording::rows::{RecordedOffset, RecordedRow};
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
 use isotherm_support::failure::Exit;
@@ -23,7 +23,7 @@ const ROWS: usize = 240;
 const UNIT: usize = 30;
 /// Damaged files of each kind.
 const SEEDS: u64 = 120;
-const LAYOUT: Layout = Layout { device: true, gyroscopes: true, lag: true };
+const LAYOUT: Layout = Layout { device: true, gyroscopes: true, lag: true, unix_offset: true };
 
 fn imu() -> ImuId {
     "imu-a".parse().unwrap()
@@ -82,6 +82,7 @@ fn rows(stream: StreamKind) -> Vec<RecordedRow> {
     let row = |raw: &RawSample| RecordedRow {
         imu: 0,
         recorded_ns: 1_795_741_168_131_947_502 + raw.timestamp_ns,
+        unix_offset: RecordedOffset::new(1_795_741_168_131_000_000, 30 + raw.sequence / 9),
         sample: match stream {
             StreamKind::Raw => StreamSample::Raw(*raw),
             StreamKind::Increment => StreamSample::Increment(increment(raw)),

@@ -179,7 +179,7 @@ impl Files {
     /// is full, the call can be repeated.
     pub fn write(&mut self, row: &RecordedRow) -> Result<Option<MoreColumns>, FileError> {
         let known = self.layouts[row.imu];
-        let layout = known.with(Layout::of(&row.sample));
+        let layout = known.with(row.layout());
         let has_columns = |(_, stream): &(_, StreamKind)| known.of_stream(*stream) == layout.of_stream(*stream);
         let fits = !self.has_rows || self.format.is_joint() || self.streams.iter().all(has_columns);
         self.layouts[row.imu] = layout;
@@ -445,7 +445,7 @@ mod tests {
         while files.current_paths() == [path.clone()] {
             for _ in 0..8 {
                 let raw = RawSample { sequence: rows, timestamp_ns: rows + 1, interval_ns: 1, ..RawSample::default() };
-                let row = RecordedRow { imu: 0, recorded_ns: 0, sample: StreamSample::Raw(raw) };
+                let row = RecordedRow::new(0, 0, StreamSample::Raw(raw));
                 assert!(matches!(files.write(&row), Ok(None)));
                 rows += 1;
             }
@@ -462,16 +462,16 @@ mod tests {
         assert!(all < 1.2 * LONGEST_FOOTER as f64 / 16.0 && rows > 50, "{all} bytes, {rows} groups");
         assert!(
             files
-                .write(&RecordedRow {
-                    imu: 0,
-                    recorded_ns: 0,
-                    sample: StreamSample::Raw(RawSample {
+                .write(&RecordedRow::new(
+                    0,
+                    0,
+                    StreamSample::Raw(RawSample {
                         sequence: rows,
                         timestamp_ns: rows + 1,
                         interval_ns: 1,
                         ..RawSample::default()
                     }),
-                })
+                ))
                 .is_ok_and(|more| more.is_none())
         );
         assert!(files.finish().is_ok());

@@ -2,6 +2,7 @@
 //! contains their schemas.
 
 use super::growing::Appender;
+use super::publication::PublicationClock;
 use crate::protobuf;
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::RecordedRow;
@@ -36,6 +37,7 @@ struct FileStream {
     /// The channel, and the layout of its messages.
     channel: u16,
     layout: Layout,
+    clock: PublicationClock,
 }
 
 /// The sink of the library. It is in memory, so that an error of the disk never leaves the library in an undefined
@@ -81,8 +83,7 @@ impl McapFile {
         let memory = MemorySink::default();
         let mut writer = begin(&memory)?;
         let streams = streams.iter().map(|&(imu, kind)| {
-            let layout = layouts[imu].of_stream(kind);
-            let mut stream = FileStream { imu: (imu, imus[imu].clone()), kind, channel: 0, layout };
+            let mut stream = FileStream::new((imu, imus[imu].clone()), kind, layouts[imu]);
             stream.add_channel(&mut writer)?;
             Ok(stream)
         });
@@ -169,7 +170,7 @@ impl<W: Write> McapStream<W> {
     /// Those of the sink and of the library.
     pub(super) fn new(sink: W, imu: &ImuId, kind: StreamKind, layout: Layout) -> io::Result<Self> {
         let mut writer = options().create(NoSeek::new(sink)).map_err(io_error)?;
-        let mut stream = FileStream { imu: (0, imu.clone()), kind, channel: 0, layout: layout.of_stream(kind) };
+        let mut stream = FileStream::new((0, imu.clone()), kind, layout);
         stream.add_channel(&mut writer)?;
         Ok(Self { writer, stream, message: Vec::new() })
     }
@@ -209,9 +210,14 @@ pub(crate) fn options() -> WriteOptions {
 }
 
 impl FileStream {
+    /// A stream without a channel.
+    fn new(imu: (usize, ImuId), kind: StreamKind, layout: Layout) -> Self {
+        Self { imu, kind, channel: 0, layout: layout.of_stream(kind), clock: PublicationClock::default() }
+    }
+
     /// Adds a message, which is encoded in `message`.
     fn write<W: Write>(
-        &self,
+        &mut self,
         writer: &mut mcap::Writer<NoSeek<W>>,
         row: &RecordedRow,
         message: &mut Vec<u8>,
@@ -222,7 +228,7 @@ impl FileStream {
             channel_id: self.channel,
             sequence: row.period().sequence as u32,
             log_time: row.recorded_ns,
-            publish_time: row.timestamp_ns(),
+            publish_time: self.clock.time_ns(row, row.timestamp_ns()),
         };
         writer.write_to_known_channel(&header, message).map_err(io_error)
     }

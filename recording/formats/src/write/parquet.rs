@@ -198,7 +198,7 @@ mod tests {
         for (doublings, rows) in rows.iter_mut().enumerate() {
             while file.encoder.group_rows < 2 << doublings {
                 let sample = StreamSample::Increment(isotherm_shared::wire::CompensatedIncrement::default());
-                file.write(&RecordedRow { imu: 0, recorded_ns: 0, sample }).unwrap();
+                file.write(&RecordedRow::new(0, 0, sample)).unwrap();
                 *rows += 1;
             }
         }
@@ -223,7 +223,7 @@ mod tests {
             for more in [0, 1, 10, ROW_GROUP, 2 * ROW_GROUP, ROW_GROUP - 11, 0, 5] {
                 for _ in 0..more {
                     let raw = RawSample { sequence: rows, ..RawSample::default() };
-                    file.write(&RecordedRow { imu: 0, recorded_ns: 0, sample: StreamSample::Raw(raw) }).unwrap();
+                    file.write(&RecordedRow::new(0, 0, StreamSample::Raw(raw))).unwrap();
                     rows += 1;
                 }
                 file.flush().unwrap();

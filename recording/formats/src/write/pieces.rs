@@ -128,7 +128,7 @@ mod tests {
                 let mut files = create(plain).ok().unwrap();
                 assert_eq!(files.current_paths(), [path(number)], "{name}: after the highest number");
                 let raw = RawSample { session: 1, sequence: number.into(), ..RawSample::default() };
-                files.write(&RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(raw) }).ok().unwrap();
+                files.write(&RecordedRow::new(0, 1, StreamSample::Raw(raw))).ok().unwrap();
                 files.finish().ok().unwrap();
                 assert!(!is_own(&Disk, &path(number)), "{name}: it is being written");
                 drop(files);

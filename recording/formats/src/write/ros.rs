@@ -7,6 +7,7 @@
 
 use super::growing::Appender;
 use super::mcap::{MemorySink, io_error, options};
+use super::publication::PublicationClock;
 use crate::ros::{IMU, IMU_DEFINITION, ImuMessage, TEMPERATURE, TEMPERATURE_DEFINITION, TemperatureMessage};
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
@@ -79,6 +80,7 @@ struct RosImu {
     sequence: [u32; 2],
     /// The table of the last increment.
     table: Option<u64>,
+    clock: PublicationClock,
 }
 
 /// The namespace of an IMU's topics: names of ROS have no `-` and do not begin with a digit.
@@ -128,7 +130,15 @@ impl<W: Write> RosWriter<W> {
                 true => Some(channel(TEMPERATURE, TEMPERATURE_DEFINITION, &format!("/{space}/temperature"))?),
                 false => None,
             };
-            Ok(RosImu { index, id: id.clone(), imu, temperature, sequence: [0; 2], table: None })
+            Ok(RosImu {
+                index,
+                id: id.clone(),
+                imu,
+                temperature,
+                sequence: [0; 2],
+                table: None,
+                clock: PublicationClock::default(),
+            })
         });
         let imus = imus.collect::<io::Result<_>>()?;
         Ok(Self { writer, tables: tables.to_vec(), imus, message: Vec::new() })
@@ -140,13 +150,13 @@ impl<W: Write> RosWriter<W> {
     /// Those of the sink; if the time is after 2038, which ROS cannot say.
     pub fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
         match &row.sample {
-            StreamSample::Increment(increment) => self.increment(row.imu, increment, row.recorded_ns),
-            StreamSample::Raw(raw) => self.temperature(row.imu, raw, row.recorded_ns),
+            StreamSample::Increment(increment) => self.increment(row, increment),
+            StreamSample::Raw(raw) => self.temperature(row, raw),
         }
     }
 
-    fn increment(&mut self, index: usize, increment: &CompensatedIncrement, log_time: u64) -> io::Result<()> {
-        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == index) else { return Ok(()) };
+    fn increment(&mut self, row: &RecordedRow, increment: &CompensatedIncrement) -> io::Result<()> {
+        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == row.imu) else { return Ok(()) };
         if imu.table.replace(increment.table) != Some(increment.table) {
             let known = self.tables.iter().find(|table| table.imu == imu.id && table.id == increment.table);
             let metadata = metadata(&imu.id, increment.table, known);
@@ -167,15 +177,15 @@ impl<W: Write> RosWriter<W> {
         let header = MessageHeader {
             channel_id: imu.imu,
             sequence: imu.sequence[0],
-            log_time,
-            publish_time: increment.timestamp_ns,
+            log_time: row.recorded_ns,
+            publish_time: imu.clock.time_ns(row, increment.timestamp_ns),
         };
         self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
     }
 
     /// Writes the mean of the three heads. The stamp is when they were read, where the sample says that.
-    fn temperature(&mut self, index: usize, raw: &RawSample, log_time: u64) -> io::Result<()> {
-        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == index) else { return Ok(()) };
+    fn temperature(&mut self, row: &RecordedRow, raw: &RawSample) -> io::Result<()> {
+        let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == row.imu) else { return Ok(()) };
         let Some(channel_id) = imu.temperature else { return Ok(()) };
         let stamp_ns = if raw.telemetry_ns == 0 { raw.timestamp_ns } else { raw.telemetry_ns };
         let heads = raw.accelerometers.head_temperature;
@@ -185,7 +195,8 @@ impl<W: Write> RosWriter<W> {
             .encode(&mut self.message)
             .map_err(|message| io::Error::new(io::ErrorKind::InvalidData, message))?;
         imu.sequence[1] = imu.sequence[1].wrapping_add(1);
-        let header = MessageHeader { channel_id, sequence: imu.sequence[1], log_time, publish_time: stamp_ns };
+        let publish_time = imu.clock.time_ns(row, stamp_ns);
+        let header = MessageHeader { channel_id, sequence: imu.sequence[1], log_time: row.recorded_ns, publish_time };
         self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
     }
 

@@ -56,7 +56,7 @@ impl<W: Write> RowWriter<W> {
     /// # Errors
     /// Those of the sink and of the library.
     pub fn write(&mut self, sample: StreamSample) -> io::Result<()> {
-        let mut row = RecordedRow { imu: 0, recorded_ns: 0, sample };
+        let mut row = RecordedRow::new(0, 0, sample);
         row.recorded_ns = row.timestamp_ns();
         match (&mut self.0, &row.sample) {
             (FormatStream::Raw(writer), StreamSample::Raw(raw)) => writer.write("", raw),

@@ -98,7 +98,7 @@ mod tests {
             fs::write(&path, "").unwrap();
             let mut third = create().ok().unwrap();
             let raw = RawSample { session: 1, sequence: 1, ..RawSample::default() };
-            let row = RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(raw) };
+            let row = RecordedRow::new(0, 1, StreamSample::Raw(raw));
             third.write(&row).ok().unwrap();
             third.flush().ok().unwrap();
             assert!(refused(), "{name}: it has a row");

@@ -326,7 +326,7 @@ fn increments_become_messages_and_are_converted_back() {
         RosWriter::new(Cursor::new(Vec::new()), &[(0, known.imu())], std::slice::from_ref(&known)).unwrap();
     let samples = samples(&table);
     for (raw, increment) in &samples {
-        let row = |sample| RecordedRow { imu: 0, recorded_ns: 1, sample };
+        let row = |sample| RecordedRow::new(0, 1, sample);
         writer.write(&row(StreamSample::Raw(*raw))).unwrap();
         writer.write(&row(StreamSample::Increment(*increment))).unwrap();
     }
@@ -376,7 +376,7 @@ fn the_recorder_writes_messages_of_several_imus() {
         let increment = CompensatedIncrement { table: increment.table + u64::from(number >= 3), ..increment };
         for imu in 0..2 {
             for sample in [StreamSample::Raw(raw), StreamSample::Increment(increment)] {
-                assert!(files.write(&RecordedRow { imu, recorded_ns: BEGIN, sample }).ok().unwrap().is_none());
+                assert!(files.write(&RecordedRow::new(imu, BEGIN, sample)).ok().unwrap().is_none());
             }
         }
         if number == 5 {

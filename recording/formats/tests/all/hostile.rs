@@ -215,9 +215,7 @@ fn descriptor() -> Vec<u8> {
     let mut files =
         Files::create(&Disk, &path, Format::Mcap, Rotation::default(), &["imu-a".parse().unwrap()], &streams)
             .unwrap_or_else(|error| panic!("{}", error.1));
-    files
-        .write(&RecordedRow { imu: 0, recorded_ns: 1, sample: StreamSample::Raw(RawSample::default()) })
-        .unwrap_or_else(|_| panic!());
+    files.write(&RecordedRow::new(0, 1, StreamSample::Raw(RawSample::default()))).unwrap_or_else(|_| panic!());
     files.finish().unwrap_or_else(|_| panic!());
     let bytes = fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();

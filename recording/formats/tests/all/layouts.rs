@@ -86,7 +86,7 @@ impl Recorder {
             let increment = CompensatedIncrement { latency_ns: 1234, ..answer(Some(table), raw) };
             for sample in [StreamSample::Raw(*raw), StreamSample::Increment(increment)] {
                 let recorded_ns = 1_700_000_000_000_000_000 + raw.sequence;
-                next += usize::from(self.0.write(&RecordedRow { imu, recorded_ns, sample }).ok().unwrap().is_some());
+                next += usize::from(self.0.write(&RecordedRow::new(imu, recorded_ns, sample)).ok().unwrap().is_some());
             }
         }
         next

@@ -1,0 +1,113 @@
+"""Whether every message comes: eight IMUs at 400 Hz and one at 2 kHz, published by one node into a reliable subscriber
+that keeps up.
+
+    ISOTHERM_BUILT=target/release target/ros2/venv/bin/python ros2/bench/lossless.py [--seconds 120]
+
+The folder has isotherm and isotherm-ros2. Exits with 1 if a message is missing.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from conftest import BUILT, ROOT  # noqa: E402
+from latency import processor_s, with_world  # noqa: E402
+
+TABLE = ROOT / "tests/data/imu-a.toml"
+IMUS = {f"imu-{number}": 400 for number in range(8)} | {"imu-fast": 2000}
+
+
+def topic(imu):
+    return f"/{imu.replace('-', '_')}/imu/data_raw"
+
+
+def recording(rate, seconds):
+    """Rows of raw samples, of which only the number changes."""
+    header = "sequence,timestamp_ns,interval_ns," + ",".join(
+        f"a{axis}_{name}" for axis in (1, 2, 3) for name in ("positive", "negative", "head", "board")
+    )
+    interval = 1_000_000_000 // rate
+    rows = (f"{row},{(row + 1) * interval},{interval}" + ",100,0,1.1,1.2" * 3 for row in range(rate * seconds))
+    return "\n".join([header, *rows, ""])
+
+
+def subscribe():
+    """As a process of its own: prints how many messages each topic has had, once a second."""
+    import rclpy
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from sensor_msgs.msg import Imu
+
+    rclpy.init()
+    node = rclpy.create_node("counting")
+    counts = dict.fromkeys(IMUS, 0)
+
+    def count(imu):
+        def take(_):
+            counts[imu] += 1
+
+        return take
+
+    qos = QoSProfile(depth=2000, reliability=ReliabilityPolicy.RELIABLE)
+    for imu in IMUS:
+        # The bytes are not looked into: what is measured is whether they come.
+        node.create_subscription(Imu, topic(imu), count(imu), qos, raw=True)
+    node.create_timer(1.0, lambda: print(json.dumps(counts), flush=True))
+    print("ready", flush=True)
+    rclpy.spin(node)
+
+
+def run(seconds):
+    missing = []
+
+    def within(world):
+        tables = [world.write(f"{imu}.toml", TABLE.read_text().replace('id = "imu-a"', f'id = "{imu}"')) for imu in IMUS]
+        served = [word for imu, table in zip(IMUS, tables) for word in ("--imu", f"{imu}={table}")]
+        service = world.serve(*served)
+        published = "".join(f'[[publish]]\nimu = "{imu}"\nclock = "other"\n' for imu in IMUS)
+        node = world.node(world.write("node.toml", f"format = 1\n{published}"))
+        subscriber = world.start([sys.executable, __file__, "--subscribe"])
+        for imu in IMUS:
+            node.wait_for(f"{topic(imu)}: 1 subscribers")
+        for rate in set(IMUS.values()):
+            world.write(f"{rate}.csv", recording(rate, seconds))
+        measured = [node, service, subscriber]
+        before, begin = [processor_s(running.process.pid) for running in measured], time.monotonic()
+        feeds = [
+            subprocess.Popen(
+                [BUILT / "isotherm", "feed", "--imu", imu, f"{rate}.csv", "--rate", str(rate), "-o", "/dev/null"],
+                env=world.env,
+                cwd=world.folder,
+            )
+            for imu, rate in IMUS.items()
+        ]
+        assert all(feed.wait() == 0 for feed in feeds)
+        passed = time.monotonic() - begin
+        parts = [100 * (processor_s(running.process.pid) - old) / passed for running, old in zip(measured, before)]
+        expected = {imu: rate * seconds for imu, rate in IMUS.items()}
+        # Until all are there, or no more has come for some seconds.
+        last = [{}] * 5
+        while last[-1] != expected and (last[0] != last[-1] or not last[-1]):
+            subscriber.wait_for_messages(len(subscriber.messages()) + 1)
+            last = [*last[1:], subscriber.messages()[-1]]
+        lost = {imu: expected[imu] - count for imu, count in last[-1].items()}
+        missing.append(sum(lost.values()))
+        print(f"{sum(expected.values())} messages in {passed:.1f} s, {missing[-1]} missing {lost if missing[-1] else ''}")
+        print("of a core: node {:.0f} %, service {:.0f} %, subscriber {:.0f} %".format(*parts))
+        assert node.end() == 0
+        print("\n".join(line for line in node.lines if " published, " in line))
+
+    with_world(within)
+    return missing != [0]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=int, default=120)
+    parser.add_argument("--subscribe", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    sys.exit(subscribe() if arguments.subscribe else run(arguments.seconds))
