@@ -265,7 +265,7 @@ fn what_is_wrong_is_refused_by_name_with_file_and_line() {
                 &same,
                 65,
                 &[
-                    "fault [turn-angle]: samples.csv:362: turn 13, at every set point: the pulses of G1 say 360.9 deg",
+                    "fault [turn-angle]: samples.csv:362: turn 13, at every set point: the pulses of G1 show 360.9 deg",
                     "and the campaign file 720 deg",
                 ],
             ),

@@ -66,7 +66,7 @@ def to_frame(array: Records, *, epoch: datetime | np.datetime64 | str | None = N
 def from_frame(frame: pd.DataFrame, dtype: np.dtype[np.void] | None = None) -> Records:
     """The records of a data frame that has the columns of a recording, as `to_frame` or pandas.read_csv gives them. The index does not matter.
 
-    They are INCREMENT if there are increments, CAMPAIGN if there are set points, else RAW_SAMPLE, unless `dtype` is given. Columns that are optional in
+    They are INCREMENT if there are increments, CAMPAIGN if there are set points, and otherwise RAW_SAMPLE, unless `dtype` is given. Columns that are optional in
     recordings may be missing. Raises ValueError or TypeError, with the column and the row, counted from 0, where a value does not fit.
 
     >>> samples = isotherm.read_recording("run.csv")

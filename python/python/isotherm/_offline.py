@@ -336,7 +336,7 @@ class Calibration:
 
     @property
     def accuracy(self) -> str:
-        """The bottom line: 95 % half widths for whole curves, as "bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V, ...".
+        """The bottom line: 95 % half widths for whole curves, as in `bias +- 1.20 ug0, scale factor +- 2.1 ppm over 1.2..3.8 V`.
 
         For a tumble it also states the residuals of its static poses. For a campaign of ramps it states what was measured, and that nothing else was.
         """

@@ -40,7 +40,7 @@ class Vehicle(dict[int, Calibration]):
 
     def export(self, to: Literal["px4", "ardupilot"], *, at: float | None = None, drop: Sequence[str] = ()) -> Exported:
         """The parameters of all IMUs as one file, each as `export_parameters` gives them. What enables all sensors of a kind at once, as PX4's
-        TC_A_ENABLE, is only in it if every IMU has parameters; else the notes say which has none.
+        TC_A_ENABLE, is only in it if every IMU has parameters; otherwise the notes name those that have none.
         """
         numbers = sorted([*self, *self.refused])
         imus = [(f"{self._imu}-{number}", self[number].table if number in self else None) for number in numbers]
@@ -68,9 +68,9 @@ def calibrate_vehicle(
 ) -> Vehicle:
     """Makes bias curves of all IMUs of an autopilot's logs, as `isotherm calibrate warm-up` does.
 
-    `logs` is a ULog or DataFlash log, or several. Of logs with several IMUs the tables are of `imu`-0, `imu`-1 and so on, by the numbers in the
-    logs; of logs with one it is of `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others go on. `nominal` are tables by those numbers. All else is as of
-    `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names. `progress` is as that of `calibrate_turntable`.
+    `logs` is a ULog or DataFlash log, or several. If logs have several IMUs, the tables are for `imu`-0, `imu`-1 and so on, by the numbers in the
+    logs; for logs with one IMU it is for `imu`. An IMU whose rows give no table is in `Vehicle.refused`, with the exception, and the others continue. `nominal` are tables by those numbers.
+    Everything else is as in `calibrate_warm_up`, which makes the table of one IMU: with `instance` of the one that it names. `progress` is as that of `calibrate_turntable`.
 
     >>> vehicle = isotherm.calibrate_vehicle("warm-up.BIN", "imu-c", lag="none")
     >>> [calibration.table.imu for calibration in vehicle.values()], vehicle.refused

@@ -237,7 +237,7 @@ fn a_few_spoilt_rows_are_left_out_and_counted_by_kind() {
     for sample in &samples {
         check(sample, (sample.timestamp_ns / 10_000_000) as usize - 101);
     }
-    let bad = "warning [bad-rows]: 6 rows are left out of 600: 2 with another number of fields, 1 with a field that is no \
+    let bad = "warning [bad-rows]: 6 rows are left out of 600: 2 with another number of fields, 1 with a field that is not a \
                number, 2 with a missing value, 1 with a number over the range; the first is line 4: 2 fields, but the \
                header has 5; is the row cut?";
     assert!(told.contains(&bad.to_owned()), "{told:?}");

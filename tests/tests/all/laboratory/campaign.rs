@@ -254,7 +254,7 @@ fn stop_ends_it_in_the_safe_state_and_a_changed_plan_or_recording_is_refused() {
     assert!(stdout_of_success(&stopped).contains("safe state: turntable stopped"), "{}", text(&stopped.stdout));
     let (ended, log) = runner.wait();
     assert_eq!(ended.code(), Some(1), "{log}");
-    assert!(log.contains("stopped by campaign stop") && log.contains("goes on with the next"), "{log}");
+    assert!(log.contains("stopped by campaign stop") && log.contains("continues with the next"), "{log}");
     laboratory.assert_in_standby();
     assert!(!domain.path("station/campaign/stop").exists(), "the request was answered");
 

@@ -205,7 +205,7 @@ fn turns_that_were_disturbed_are_refused_by_name() {
                     row.sample.gyroscopes.positive_pulses[2] *= 2;
                 }
             },
-            &["turn 105: the pulses of G3 say 719.7 deg", "and the campaign file 360 deg"],
+            &["turn 105: the pulses of G3 show 719.7 deg", "and the campaign file 360 deg"],
         ),
         (
             "no pulses",
