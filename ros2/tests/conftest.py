@@ -94,19 +94,21 @@ class Running:
 
 def fast_dds_objects():
     """Names of segments and ports of Fast DDS in shared memory, which stay behind when a peer is killed."""
-    return {lock.removesuffix("_el") for lock in glob.glob("/dev/shm/fastdds_*_el")}
+    return {name.removesuffix("_el") for name in glob.glob("/dev/shm/fastdds_*")}
 
 
 def remove_if_unused(name):
     """Removes an object of Fast DDS whose lock no process holds any more."""
-    with open(f"{name}_el") as lock:
-        try:
+    try:
+        with open(f"{name}_el") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return
-        folder, base = os.path.split(name)
-        for path in (name, f"{folder}/sem.{base}_mutex", f"{name}_el"):
-            Path(path).unlink(missing_ok=True)
+    except FileNotFoundError:
+        pass
+    except BlockingIOError:
+        return
+    folder, base = os.path.split(name)
+    for path in (name, f"{folder}/sem.{base}_mutex", f"{name}_el"):
+        Path(path).unlink(missing_ok=True)
 
 
 class World:

@@ -1,13 +1,17 @@
 //! A bare pair of ros2-client, for the bench: `bare publish RATE COUNT` and `bare subscribe COUNT`, which prints the
-//! latencies from publishing to receiving [us] as JSON.
+//! latencies from publishing to receiving [us] as JSON; and `bare count TOPIC...`, which prints once a second how many
+//! messages each topic has had.
 #![allow(clippy::expect_used, clippy::print_stdout, reason = "a program of a bench")]
 
 use isotherm_client::UnixOffset;
 use isotherm_ros2::{IMU, SensorImu};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{History, QosProfile, WhenFull};
-use ros2_client::{Context, MessageTypeName, Name, NodeName, NodeOptions};
+use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions};
+use std::collections::BTreeMap;
 use std::net::Ipv4Addr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 const TOPIC: &str = "/bare/imu/data_raw";
@@ -27,6 +31,9 @@ fn main() {
     let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
     let mut node = context.new_node(name, options).expect("a node");
     let qos = QosProfile::default().history(History::KeepLast { depth: 2000 }).reliability_reliable(WhenFull::Fail);
+    if arguments.first().is_some_and(|word| word == "count") {
+        return count(&mut node, &arguments[1..], &qos);
+    }
     let topic = Name::parse(TOPIC).expect("a name");
     let topic = node.create_topic(&topic, MessageTypeName::new(IMU.0, IMU.1), &qos).expect("a topic");
     if !is_publisher {
@@ -54,4 +61,28 @@ fn main() {
     }
     println!("driven");
     std::thread::sleep(Duration::from_secs(2));
+}
+
+/// Counts the messages of topics, each in a thread of its own.
+fn count(node: &mut Node, topics: &[String], qos: &QosProfile) {
+    let mut counts = BTreeMap::new();
+    for name in topics {
+        let topic = Name::parse(name).expect("a name");
+        let topic = node.create_topic(&topic, MessageTypeName::new(IMU.0, IMU.1), qos).expect("a topic");
+        let subscription = node.create_subscription::<SensorImu>(&topic, None).expect("a subscription");
+        let count = Arc::new(AtomicU64::new(0));
+        counts.insert(name, Arc::clone(&count));
+        std::thread::spawn(move || {
+            while futures::executor::block_on(subscription.async_take()).is_ok() {
+                count.fetch_add(1, Ordering::Relaxed);
+            }
+        });
+    }
+    println!("ready");
+    loop {
+        std::thread::sleep(Duration::from_secs(1));
+        let shown: Vec<_> =
+            counts.iter().map(|(name, count)| format!("{name:?}: {}", count.load(Ordering::Relaxed))).collect();
+        println!("{{{}}}", shown.join(", "));
+    }
 }
