@@ -21,7 +21,7 @@ pub(crate) fn printed(text: &str) -> String {
         if is_micro {
             // A scale, as in "Error / 1e-6 g0", has no number.
             let is_scale = !before.is_empty()
-                || out.trim_end().ends_with(|c: char| c == '/' || c.is_ascii_digit())
+                || out.trim_end().ends_with(|c: char| c == '/' || c == ':' || c.is_ascii_digit())
                 || text.trim_end().split(' ').count() == 2;
             out += before;
             out += if mantissa == "1" && is_scale { String::new() } else { format!("{mantissa} ") }.as_str();
@@ -194,6 +194,7 @@ mod tests {
             ("off by 1520.1e-6 g0 rms, or -3.2e-6 rad.", "off by 1520.1 µg rms, or -3.2 µrad."),
             ("Error / 1e-6 g0", "Error / µg"),
             ("rms [1e-6 g0], and", "rms [µg], and"),
+            ("Unit: 1e-6 g0 in every row", "Unit: µg in every row"),
             ("1e-6 g0", "µg"),
             ("moves it by 3.123e0 1e-6 g0", "moves it by 3.123 µg"),
             ("An error of 1e-6 g0 tilts", "An error of 1 µg tilts"),

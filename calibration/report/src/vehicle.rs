@@ -9,6 +9,9 @@ use isotherm_fit::{BiasCurve, CalibrationOutcome, CampaignSource, WarmUpCalibrat
 /// table.
 pub type Outcome<'a> = Result<(&'a Campaign, &'a CalibrationOutcome, &'a CampaignSource), &'a str>;
 
+/// An IMU with the bias that gains least, and its factor.
+type Gain<'a> = (&'a str, &'a WarmUpCalibration, (&'a BiasCurve, f64));
+
 /// The page as HTML, with the IMUs by their names. `source` is where the calibrations come from, in words.
 #[must_use]
 pub fn html(source: &str, imus: &[(&str, Outcome<'_>)]) -> String {
@@ -24,7 +27,7 @@ pub fn html(source: &str, imus: &[(&str, Outcome<'_>)]) -> String {
     });
     let gains = gains.filter_map(|(name, found)| Some((name, found, warm_up::least_gain(found)?)));
     let gains: Vec<_> = gains.collect();
-    let columns: [Column<'_, (&str, &WarmUpCalibration, (&BiasCurve, f64))>; 4] = [
+    let columns: [Column<'_, Gain<'_>>; 4] = [
         ("IMU", &|(name, ..)| Cell::text(*name)),
         ("Smallest factor", &|(.., (_, factor))| Cell::number(*factor, 1)),
         ("of", &|(.., (axis, _))| Cell::text(axis.name())),
