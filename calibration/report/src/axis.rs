@@ -64,7 +64,7 @@ impl PlotAxis {
     }
 }
 
-/// `factor * 10^power` as a label: plain from 0.1 to 1000, else with an exponent.
+/// `factor * 10^power` as a label: plain from 0.1 to 1000, otherwise with an exponent.
 fn power_label(factor: i64, power: i32) -> String {
     if (-1..=3).contains(&power) {
         return decimal(factor, power);

@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 /// Most devices whose curves are drawn each by itself; a picture of more shows nothing.
 const MOST_DRAWN: usize = 12;
 
-/// What the page states besides the statistics; only the caller knows it.
+/// What the page states in addition to the statistics; only the caller knows it.
 #[derive(Clone, Debug)]
 pub struct BatchSource {
     /// Program and version.
@@ -24,7 +24,7 @@ pub struct BatchSource {
     pub dropped: Vec<(String, String)>,
 }
 
-/// The page as HTML. Without `batch`, that is with fewer than two tables, it has the dropped IMUs alone; `reason` says
+/// The page as HTML. Without `batch`, that is with fewer than two tables, it has only the dropped IMUs; `reason` says
 /// why.
 #[must_use]
 pub fn html(batch: Result<&Batch, &str>, source: &BatchSource) -> String {
@@ -105,7 +105,7 @@ fn families(page: &mut Page, batch: &Batch) {
     let gains = |family: &Family| format!("{} of {}", family.gains(), batch.devices.len());
     let columns: [Column<'_, (&String, &Family)>; 4] = [
         ("Curve", &|(name, _)| Cell::text(*name)),
-        ("rms left / rms alone", &|(_, family)| Cell::number(family.ratio(), 2)),
+        ("rms left / rms by itself", &|(_, family)| Cell::number(family.ratio(), 2)),
         ("Devices that gain", &|(_, family)| Cell::Number(gains(family))),
         ("Verdict", &|(_, family)| Cell::text(if family.is_useful() { "useful" } else { "not useful" })),
     ];

@@ -14,7 +14,7 @@ use super::plot::{Plot, Style};
 use isotherm_analysis::{Comparison, ComparisonRequirement, Compliance, CurveComparison, NOT_IN_THE_ERRORS, Trend};
 use isotherm_shared::table::AXIS_NAMES;
 
-/// What the page states besides the comparison; only the caller knows it.
+/// What the page states in addition to the comparison; only the caller knows it.
 #[derive(Clone, Debug)]
 pub struct ComparisonSource {
     /// Program and version.

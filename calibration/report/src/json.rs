@@ -27,7 +27,7 @@ pub fn calibration(calibration: &Calibration, locate: impl Fn(u64) -> String) ->
     document
 }
 
-/// A calibration from ramps alone: digest, what the table does not know, transients and findings. `locate` gives file
+/// A calibration from ramps only: digest, what the table does not know, transients and findings. `locate` gives file
 /// and line of a row.
 #[must_use]
 pub fn ramps(calibration: &RampCalibration, locate: impl Fn(u64) -> String) -> Value {

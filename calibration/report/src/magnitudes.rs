@@ -11,7 +11,7 @@ use isotherm_verification::{Magnitude, Magnitudes, Requirement};
 use serde_json::Value;
 
 /// What the magnitudes do not show.
-pub const NOT_JUDGED: &str = "not judged: the direction of the output, and errors across the specific force; static poses in unknown attitudes show the length alone";
+pub const NOT_JUDGED: &str = "not judged: the direction of the output, and errors across the specific force; static poses in unknown attitudes show only the magnitude";
 
 /// The magnitudes as text: the figures, then a line for each static pose.
 #[must_use]

@@ -13,7 +13,7 @@ use isotherm_analysis::{
 };
 use maud::Markup;
 
-/// What the report states besides the analysis; only the caller knows it.
+/// What the report states in addition to the analysis; only the caller knows it.
 #[derive(Clone, Debug)]
 pub struct NoiseSource {
     /// Program and version.

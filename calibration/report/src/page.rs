@@ -243,7 +243,7 @@ impl Page {
         self.add(&html! { p { (printed(text)) } });
     }
 
-    /// Adds a box with a title and a text, which may be empty. Of boxes that follow each other the gravest is the
+    /// Adds a box with a title and a text, which may be empty. If boxes follow each other, the gravest is the
     /// first.
     pub fn note(&mut self, kind: NoteKind, title: &str, text: &str) {
         let note = html! {

@@ -47,7 +47,7 @@ pub struct Plot {
     series: Vec<PlotSeries>,
     markers: Vec<(f64, String)>,
     upper: Option<UpperAxis>,
-    /// Values that the range of y includes beside those of the series.
+    /// Values that the range of y includes in addition to those of the series.
     also_y: Vec<f64>,
     zero: bool,
     /// Whether all coordinates are decimal logarithms.

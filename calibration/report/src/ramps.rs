@@ -1,4 +1,4 @@
-//! The report of ramps alone.
+//! The report of only ramps.
 
 use super::page::Page;
 use super::plot::{Plot, Style};

@@ -78,13 +78,13 @@ fn missing_within(losses: Losses, parts: &str) -> Option<String> {
     (!losses.is_none()).then(|| format!("within {parts}: {losses}"))
 }
 
-/// A calibration from ramps alone in a few lines: what the table does not know, and the transients.
+/// A calibration from ramps only, in a few lines: what the table does not know, and the transients.
 #[must_use]
 pub fn ramps(calibration: &RampCalibration) -> String {
     let (content, count) = (calibration.table.content(), calibration.recordings);
     let noun = if count == 1 { "recording" } else { "recordings" };
     let mut text = format!(
-        "{}\n{count} {noun} of ramps alone, curves {}, digest {}\n\nnot known:\n",
+        "{}\n{count} {noun} of only ramps, curves {}, digest {}\n\nnot known:\n",
         calibration.transients.curve_errors(),
         calibration.curves.digest(),
         calibration.table.digest()
@@ -197,7 +197,7 @@ fn g_sensitivities(found: &GyroscopeCalibration) -> String {
     text
 }
 
-/// Earth's horizontal rate beside that of the latitude, if there are angles.
+/// Earth's horizontal rate next to that of the latitude, if there are angles.
 fn earth(found: &GyroscopeCalibration) -> Option<String> {
     let earth = found.earth?;
     let interval = found.horizontal_rate_interval(CONFIDENCE).unwrap_or(f64::NAN);

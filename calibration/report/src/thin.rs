@@ -10,7 +10,7 @@ pub(super) const MAX_VERTICES: usize = 1500;
 
 /// Indices of the usable points to draw as a line, ascending.
 ///
-/// Up to `limit` points are all kept. Of more points, every column of the figure keeps its smallest and its largest y,
+/// Up to `limit` points are all kept. If there are more, every column of the figure keeps its smallest and largest y,
 /// and the line keeps its ends: no extreme value is lost. Columns are equal intervals of x, or equal numbers of points
 /// if x is not sorted.
 pub(super) fn extremes(points: &[(f64, f64)], limit: usize) -> BTreeSet<usize> {

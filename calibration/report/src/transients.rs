@@ -12,8 +12,8 @@ use isotherm_statistics::band;
 pub(super) fn sections(page: &mut Page, found: &Transients, unit: &str) {
     page.heading(2, "transients", "Transients");
     page.paragraph(
-        "Heating and cooling differ where the sensing elements are behind their temperature by a lag, or by hysteresis. A lag has one time constant; hysteresis depends on the \
-         temperature alone. A transient is written only where the ramps show a lag.",
+        "Heating and cooling differ where the sensing elements are behind their temperature by a lag, or by hysteresis. A lag has one time constant; hysteresis depends only on the \
+         temperature. A transient is written only where the ramps show a lag.",
     );
     found.words.iter().skip(1).for_each(|reason| page.paragraph(reason));
     page.key_values(&time_constant(found));

@@ -13,7 +13,7 @@ use isotherm_verification::{
     AxisStability, Errors, Estimate, Force, GyroscopeStability, LoopBand, Loops, Requirement, Stability, Window,
 };
 
-/// What the report states besides the table and the stability; only the caller knows it.
+/// What the report states in addition to the table and the stability; only the caller knows it.
 #[derive(Clone, Debug)]
 pub struct VerificationSource {
     /// Program and version.
@@ -316,7 +316,7 @@ fn figures(page: &mut Page, table: &CoefficientTable, stability: &Stability) {
     page.paragraph("A trend against dU/dt means that heads or boards lag behind their temperature.");
 }
 
-/// The errors before and after, those after alone, and those after against the drift; each over time, then over
+/// The errors before and after, only those after, and those after against the drift; each over time, then over
 /// temperature, by sensor.
 fn error_figures(view: &TriadView<'_>, temperature_unit: &str) -> [Vec<Plot>; 3] {
     let head = format!("Head temperature / {temperature_unit}");

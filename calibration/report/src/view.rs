@@ -7,6 +7,6 @@ pub(crate) use isotherm_fit::view;
 
 /// The document that serde makes of a view.
 pub(crate) fn value(view: &impl Serialize) -> Value {
-    // It fails for maps alone whose keys are no texts. No view has such a map.
+    // It fails only for maps whose keys are not texts. No view has such a map.
     serde_json::to_value(view).unwrap_or_default()
 }

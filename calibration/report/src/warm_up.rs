@@ -200,7 +200,7 @@ view! { BesideView<'a>(name: &'a str, spread: Spread, bias: &BiasCurve, gravity:
     after: SpreadView = SpreadView::of(spread, bias, gravity),
 }}
 
-/// What is shown beside a curve: its name, and what it leaves.
+/// What is shown next to a curve: its name, and what it leaves.
 fn others(bias: &BiasCurve) -> impl Iterator<Item = (&str, Spread)> {
     let cubics = bias.beside.iter().map(|(autopilot, _, spread)| (autopilot.title(), *spread));
     cubics.chain(bias.on_board.iter().map(|on_board| (on_board.name.as_str(), on_board.after)))

@@ -94,7 +94,7 @@ impl CalibrationPage<'_> {
         let rows = (0..AXES * AXES).map(|index| (index / AXES, index % AXES));
         page.columns("g-sensitivities [deg/h/g0]", rows, &columns);
         page.paragraph(
-            "The part along the vertical comes with Earth's vertical rate, which the dwells cannot tell from it: that rate is taken from the latitude. \
+            "The part along the vertical comes with Earth's vertical rate, which the dwells cannot distinguish from it: that rate is taken from the latitude. \
              0.1 degrees of latitude are 0.02 deg/h/g0.",
         );
     }

@@ -9,7 +9,7 @@ use isotherm_shared::wire::AXES;
 use isotherm_statistics::{CONFIDENCE, largest, student_quantile};
 
 impl CalibrationPage<'_> {
-    /// `accelerometers: ` if there are gyroscopes too, or else nothing: of one triad it is clear what is meant.
+    /// `accelerometers: ` if there are gyroscopes too, otherwise nothing: with one triad it is clear what is meant.
     pub(super) fn whose(&self, triad: &CalibratedTriad<'_>) -> String {
         if self.triads.len() > 1 { format!("{}s: ", triad.units.sensor) } else { String::new() }
     }

@@ -25,7 +25,7 @@ pub(super) const RATES: NoiseUnits = NoiseUnits {
     names: ["quantisation noise", "white noise", "bias instability", "random walk of the rate"],
 };
 
-/// The noise of rates whose unit is not known, which is called "unit", beside their line in temperature.
+/// The noise of rates whose unit is not known, which is called "unit", next to their line in temperature.
 #[must_use]
 pub fn rates(allan: &Allan, line: Option<&TemperatureLine>) -> Value {
     value(&RatesView::of(allan, line, &RATES))

@@ -8,7 +8,7 @@ const NEAR_NS: u64 = 1_000_000_000;
 /// Puts the timestamps of a stream on Unix time, session by session, where they are of `CLOCK_MONOTONIC`.
 ///
 /// They are if one of the session was within a second of its recording: later ones may be late, since a sample waits
-/// for a service that is away. Of every other clock nothing is known, and its timestamps stay as they are.
+/// for a service that is away. Nothing is known of any other clock, and its timestamps stay as they are.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PublicationClock {
     /// The session whose timestamps are of `CLOCK_MONOTONIC`.

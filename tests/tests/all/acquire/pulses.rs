@@ -74,7 +74,7 @@ fn pulses_give_a_sample_the_time_at_which_it_was_taken() {
         let number = i64::from(sample.accelerometers.positive_pulses[0]);
         let taken_ns = offset.monotonic_ns(begin + number * INTERVAL + PHASE).unwrap().cast_signed();
         let late_ns = sample.timestamp_ns.cast_signed() - taken_ns;
-        // A machine that stands still for a second makes a sample so much later, by whole seconds alone.
+        // A machine that stands still for a second makes a sample so much later, only by whole seconds.
         let off_ns = (late_ns + SECOND / 2).rem_euclid(SECOND) - SECOND / 2;
         assert!(off_ns.abs() <= BOUND, "{number}: {late_ns} ns late");
     }
