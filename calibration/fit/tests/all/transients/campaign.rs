@@ -148,7 +148,7 @@ fn ramps_alone_say_what_they_do_not_know() {
             assert!(text.contains(&part), "{part}\n{text}");
         }
         // The page has the signs of print.
-        let signs = [("ug0", "µg"), ("urad", "µrad"), ("deg/h", "°/h"), (" g0)", " g)"), ("..", " to ")];
+        let signs = [("ug0", "µg"), ("urad", "µrad"), ("deg/h", "°/h"), (" g0)", " g)"), (" .. ", " to ")];
         let shown = signs.iter().fold(part, |part, (ascii, sign)| part.replace(ascii, sign));
         assert!(page.replace("&#39;", "'").contains(&shown), "{shown}\n{page}");
     }
