@@ -35,8 +35,8 @@ use tracing::info;
 pub struct Convert {
     /// Read these third-party data
     ///
-    /// For text, - is stdin. The folder of a ROS bag stands for its files. Several files are either separate recordings,
-    /// each converted into its own file, or pieces of one recording, which are joined in one file.
+    /// For text, - is stdin. The folder of a ROS bag stands for its files. Several files are either separate
+    /// recordings, each converted into its own file, or pieces of one recording, which are joined in one file.
     #[arg(value_name = "INPUT", required = true)]
     input: Vec<PathBuf>,
     /// Write the raw samples to this file
