@@ -191,7 +191,7 @@ def test_the_lag_and_its_state(domain: DomainUnderTest, whole: isotherm.Records)
         assert acquisition.lag_state() == [None] * 6
         acquisition.restore_lag(state)
         for name in ("A4", "a1", ""):
-            with pytest.raises(ValueError, match="no sensor"):
+            with pytest.raises(ValueError, match="not a sensor"):
                 acquisition.reading(name, 2.0, 1)
         for kept in ([None] * 5, [(1, 2.0)] + [None] * 5, [(-1, 2.0, 2.0)] + [None] * 5, None, [3.0] * 6):
             with pytest.raises((ValueError, TypeError, OverflowError)):
