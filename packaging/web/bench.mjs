@@ -10,29 +10,69 @@ const [html, isotherm, chromium] = process.argv.slice(2);
 const scratch = mkdtempSync(join(process.env.TMPDIR ?? tmpdir(), "isotherm-page-"));
 const LOADS = 10;
 
-/** The example again and again, with times that go on, until it has so many bytes. */
+/**
+ * The example at 1 kHz, slower by as much as it needs to have so many bytes: between two messages of a topic come others
+ * on the line through them, with noise as large as their difference.
+ */
 function long_ulog(name, bytes) {
   const log = gunzipSync(readFileSync("packaging/web/data/warm-up.ulg.gz"));
   const path = join(scratch, name);
   const file = openSync(path, "w");
+  const formats = new Map();
+  const floats = new Map();
+  const slots = [];
   let begin = 16;
-  const messages = [];
   for (let at = begin; at + 3 <= log.length; at += 3 + log.readUInt16LE(at)) {
-    // Data: the time, and in sensor_accel and sensor_gyro that of the sample behind it.
-    if (log[at + 2] === 0x44) messages.push(at + 5, ...(log.readUInt16LE(at + 3) < 2 ? [at + 13] : []));
-    else if (messages.length === 0) begin = at + 3 + log.readUInt16LE(at);
+    const message = log.subarray(at, at + 3 + log.readUInt16LE(at));
+    const kind = String.fromCharCode(message[2]);
+    if (kind === "F") {
+      const [topic, fields] = message.toString("latin1", 3).split(":");
+      formats.set(topic, fields);
+    } else if (kind === "A") {
+      floats.set(message.readUInt16LE(4), floats_of(formats.get(message.toString("latin1", 6))));
+    } else if (kind === "D") {
+      if (message.readUInt16LE(3) === 0) slots.push([]);
+      slots.at(-1)?.push(message);
+    }
+    if (slots.length === 0) begin = at + message.length;
   }
   writeSync(file, log.subarray(0, begin));
-  const rows = Buffer.from(log.subarray(begin));
-  const stamps = messages.map((at) => at - begin).filter((at) => at >= 0 && at + 8 <= rows.length);
-  const first = stamps.map((at) => rows.readBigUInt64LE(at));
-  const period = first.at(-1) - first[0] + 100_000n;
-  for (let n = 0n, size = begin; size < bytes; n += 1n, size += rows.length) {
-    stamps.forEach((at, k) => rows.writeBigUInt64LE(first[k] + n * period, at));
-    writeSync(file, rows);
-  }
+  const copies = Math.ceil((bytes - begin) / (log.length - begin));
+  let random = 1;
+  const noise = () => (random = (random * 48271) % 2147483647) / 1073741823.5 - 1;
+  let now = slots[0][0].readBigUInt64LE(5);
+  slots.slice(0, -1).forEach((slot, n) => {
+    const parts = [];
+    for (let copy = 0; copy < copies; copy += 1, now += 1_000n) {
+      for (const from of slot) {
+        const topic = from.readUInt16LE(3);
+        const to = slots[n + 1].find((message) => message.readUInt16LE(3) === topic) ?? from;
+        const message = Buffer.from(from);
+        message.writeBigUInt64LE(now, 5);
+        if (topic < 2) message.writeBigUInt64LE(now, 13);
+        for (const at of floats.get(topic)) {
+          const [a, b] = [from.readFloatLE(at), to.readFloatLE(at)];
+          message.writeFloatLE(a + (b - a) * (copy / copies + noise()), at);
+        }
+        parts.push(message);
+      }
+    }
+    writeSync(file, Buffer.concat(parts));
+  });
   closeSync(file);
   return path;
+}
+
+/** Where the floats of a topic are in its messages. */
+function floats_of(fields) {
+  const sizes = { uint64_t: 8, uint32_t: 4, int32_t: 4, float: 4, uint16_t: 2, uint8_t: 1, int8_t: 1, bool: 1 };
+  let at = 5;
+  return fields.split(";").filter(Boolean).flatMap((field) => {
+    const [, type, count] = /^(\w+?)(?:\[(\d+)\])? /.exec(field);
+    const places = Array.from({ length: Number(count ?? 1) }, (_, k) => at + k * sizes[type]);
+    at += places.length * sizes[type];
+    return type === "float" ? places : [];
+  });
 }
 
 /** The same of a recording in CSV. */

@@ -491,7 +491,7 @@ impl ImuState {
                 imu = %self.imu.id,
                 device = format!("{:016x}", other.device),
                 "the samples are of another device than the table, which is of serial number {serial:?}: the increments are computed with \
-                 it and flagged other-device; give this unit its own table, or correct the acquisition's serial number"
+                 it and flagged other-device; give this device its own table, or correct the acquisition's serial number"
             );
             *last = now;
         }

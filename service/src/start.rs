@@ -107,7 +107,7 @@ fn choose_one(
 /// The failure of a file with the table of another device.
 fn exchanged(failure: Failure) -> Failure {
     let message = format!(
-        "{}\nthe IMU was exchanged, or the file is not its own: the table that was in force last is of the other unit, and is not served \
+        "{}\nthe IMU was exchanged, or the file is not its own: the table that was in force last is of the other device, and is not served \
          either",
         failure.message
     );

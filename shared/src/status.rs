@@ -170,7 +170,7 @@ pub struct ImuStatus {
     /// Number of the device that the table in force belongs to, 16 hexadecimal digits; null without a serial number.
     pub device: Option<String>,
     /// Number of the device that the last sample came from, if it was answered with the table in force and that is not
-    /// the table's unit; otherwise null. `OTHER UNIT` for people.
+    /// the table's device; otherwise null. `OTHER DEVICE` for people.
     pub other_device: Option<String>,
     /// Time constant of the lagged temperature in the table in force \[s\]; null without one.
     pub lag_s: Option<f64>,

@@ -205,7 +205,7 @@ fn search(ramps: &Ramps, table: &CoefficientTable, predecessor_s: Option<f64>) -
     use Column::{Constant, Curve, Plays, Start, Time, Transient};
     let grid = Grid::new(ramps, None);
     let used = ramps.columns_of(&[Constant, Curve, Transient, Start, Plays, Time]);
-    let best = grid.best(&used);
+    let best = grid.minimum(&used, &[]);
     let errors = grid.jackknife(&used, best.tau_s);
     let ends = [grid.taus_s[0], grid.taus_s[grid.taus_s.len() - 1]];
     let interval_s = [-2.0, 2.0].map(|sign: f64| best.tau_s * libm::exp(sign * errors.log_tau));

@@ -3,6 +3,8 @@
 //! Ticks are whole multiples of 1, 2 or 5 times a power of ten, and their labels are written from these integers. So
 //! two ticks never have the same label, however small the range is compared with the value.
 
+use crate::quantity::power_of_ten;
+
 /// Fewest and most tick marks of an axis.
 pub(super) const TICKS: (usize, usize) = (4, 7);
 
@@ -69,16 +71,8 @@ fn power_label(factor: i64, power: i32) -> String {
     if (-1..=3).contains(&power) {
         return decimal(factor, power);
     }
-    let power = power.to_string();
-    let digits = power.chars().map(|c| match c {
-        '-' => '\u{207b}',
-        '1' => '\u{b9}',
-        '2' => '\u{b2}',
-        '3' => '\u{b3}',
-        digit => char::from_u32(0x2070 + digit.to_digit(10).unwrap_or(0)).unwrap_or(digit),
-    });
-    let digits: String = digits.collect();
-    if factor == 1 { format!("10{digits}") } else { format!("{factor}\u{b7}10{digits}") }
+    let power = power_of_ten(power);
+    if factor == 1 { power } else { format!("{factor}\u{b7}{power}") }
 }
 
 /// Ticks of a second scale, by pairs of a value on the axis and the value there on the second scale: round values of
@@ -229,14 +223,7 @@ fn times(exponent: i32) -> String {
     if exponent == 0 {
         return String::new();
     }
-    let raised = |c| match c {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
-    };
-    format!("×10{}", exponent.to_string().chars().map(raised).collect::<String>())
+    format!("×{}", power_of_ten(exponent))
 }
 
 #[cfg(test)]

@@ -68,18 +68,21 @@ fn power(mantissa: &str, exponent: i32) -> String {
     let decimals = mantissa.split_once('.').map_or(0, |(_, decimals)| decimals.len()) as i32 - exponent;
     match format!("{mantissa}e{exponent}").parse::<f64>() {
         Ok(value) if (-4..6).contains(&exponent) => format!("{value:.*}", decimals.max(0) as usize),
-        _ => {
-            let raised = |c| match c {
-                '-' => '⁻',
-                '1' => '¹',
-                '2' => '²',
-                '3' => '³',
-                digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
-            };
-            let exponent: String = exponent.to_string().chars().map(raised).collect();
-            if mantissa == "1" { format!("10{exponent}") } else { format!("{mantissa} × 10{exponent}") }
-        }
+        _ if mantissa == "1" => power_of_ten(exponent),
+        _ => format!("{mantissa} × {}", power_of_ten(exponent)),
     }
+}
+
+/// `10⁻³`.
+pub(crate) fn power_of_ten(exponent: i32) -> String {
+    let raised = |c| match c {
+        '-' => '⁻',
+        '1' => '¹',
+        '2' => '²',
+        '3' => '³',
+        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
+    };
+    format!("10{}", exponent.to_string().chars().map(raised).collect::<String>())
 }
 
 /// A word in which units have their signs.

@@ -85,7 +85,7 @@ fn alert_lines(theme: Theme, imu: &ImuStatus) -> Vec<Line<'static>> {
     });
     let other = imu.other_device.as_ref().map(|device| {
         let serial = imu.serial.as_deref().unwrap_or_default();
-        format!("OTHER UNIT: samples of {device}, table of serial {serial:?}")
+        format!("OTHER DEVICE: samples of {device}, table of serial {serial:?}")
     });
     let other_lag = imu.other_lag().zip(imu.lag_s);
     let other_lag = other_lag.map(|(other, lag_s)| format!("OTHER LAG: samples {other}, table {lag_s} s"));

@@ -307,7 +307,7 @@ fn every_condition_is_shown() {
     });
     has(
         &other,
-        &["other unit", "OTHER UNIT: samples of 46a7426ef29cc83b, table of serial \"SN 42\"", "flags     none"],
+        &["other device", "OTHER DEVICE: samples of 46a7426ef29cc83b, table of serial \"SN 42\"", "flags     none"],
     );
     let lag = |sample_lag_s: Option<f64>| {
         let change = |status: &mut ServiceStatus| {

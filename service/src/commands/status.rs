@@ -121,7 +121,7 @@ fn describe_table(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
         let (own, serial) = (imu.device.as_deref().unwrap_or("-"), imu.serial.as_deref().unwrap_or_default());
         writeln!(
             text,
-            "  OTHER UNIT   the samples are of unit {device}, the table of {own}, serial number {serial:?}"
+            "  OTHER DEVICE the samples are of device {device}, the table of {own}, serial number {serial:?}"
         )?;
     }
     let Some(lag_s) = imu.lag_s else { return Ok(()) };
@@ -161,7 +161,7 @@ fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     )?;
     if imu.session_missing > 0 || imu.session_unknown > 0 {
         let (missing, unknown) = (imu.session_missing, imu.session_unknown);
-        writeln!(text, "  between      sessions {missing} periods are missing, and {unknown} times an unknown number")?;
+        writeln!(text, "  between      sessions: {missing} periods missing, and {unknown} times an unknown number")?;
     }
     if let Some(closed) = &imu.closed {
         writeln!(

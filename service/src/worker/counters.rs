@@ -66,7 +66,7 @@ struct Counters {
     transport_errors: AtomicU64,
     flagged: FlagCounts,
     table: AtomicU64,
-    /// Which other unit than that of the table in force the last sample came from; 0 if it came from none, or before
+    /// Which other device than that of the table in force the last sample came from; 0 if it came from none, or before
     /// the table.
     last_other_device: AtomicU64,
     /// The same of the last sample that had [`Flags::OTHER_DEVICE`].
@@ -122,7 +122,7 @@ fn add(counter: &AtomicU64, by: u64) {
 
 impl CounterWriter {
     /// The table with this id ([`CoefficientTable::id`](isotherm_shared::table::CoefficientTable::id)) is in force for
-    /// all further samples. What is known of other units than its own begins anew.
+    /// all further samples. What is known of other devices than its own begins anew.
     #[inline]
     pub fn table_taken(&mut self, id: u64) {
         let counters = &*self.0;
@@ -259,7 +259,7 @@ impl CounterReader {
     }
 
     /// The unit of the last sample that was not of its table's unit, and the id of that table; `None` if no sample has
-    /// come from another unit since the table was taken.
+    /// come from another device since the table was taken.
     pub fn other_device(&self) -> Option<DeviceMismatch> {
         self.of_table(&self.0.other_device)
     }

@@ -74,7 +74,7 @@ fn each_session_but_the_first_is_flagged_once_and_the_periods_between_are_counte
     assert_eq!((&status["session_missing"], &status["session_unknown"]), (&missing.into(), &1.into()), "{status}");
     assert_eq!((&status["gaps"], &status["missing"]), (&0.into(), &0.into()));
     let words = domain.run_ok(&["status"]);
-    let expected = format!("between      sessions {missing} periods are missing, and 1 times an unknown number");
+    let expected = format!("between      sessions: {missing} periods missing, and 1 times an unknown number");
     assert!(words.contains(&expected), "{words}");
     // The reader looks by its own clock: it has read all at once, so that only clocks that disagree with that are none.
     let mut read = Vec::new();

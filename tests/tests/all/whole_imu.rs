@@ -184,7 +184,7 @@ fn samples_of_another_device_are_logged_once_a_session_and_table() {
     let number = format!("{:016x}", device("SN 2"));
     assert_eq!(other_device(), number);
     assert_eq!(domain.imu_status()["flagged"]["other-device"], 100);
-    let line = format!("  OTHER UNIT   the samples are of unit {number}, the table of {:016x}", device("SN 1"));
+    let line = format!("  OTHER DEVICE the samples are of device {number}, the table of {:016x}", device("SN 1"));
     assert!(described(&domain, "imu-a").contains(&line), "{}", described(&domain, "imu-a"));
     let log = service.log();
     let logged = log.lines().find(|line| line.contains(LOGGED)).unwrap();

@@ -79,18 +79,13 @@ struct Levels<'a> {
 impl Levels<'_> {
     /// The largest bump in a part.
     fn largest(&self, part: Range<usize>) -> Option<Bump> {
-        let weights = SIDES.map(|side| {
-            let of = |place: usize| Weights::of(self.bins, &self.rest[part.clone()], place, side);
-            (0..part.len()).map(of).collect::<Vec<_>>()
-        });
+        let rest = &self.rest[part.clone()];
+        let rates: Vec<&[f64]> = self.rates.iter().map(|rates| &rates[part.clone()]).collect();
+        let widths = SIDES.map(|side| Steps::all(self.bins, rest, &rates, &self.least, side));
         let mut best: Option<(f64, Bump)> = None;
-        for (triad, rates) in self.rates.chunks(AXES).enumerate() {
+        for (triad, first) in (0..rates.len()).step_by(AXES).enumerate() {
             let force = (triad == 0).then_some(self.force);
-            let steps = |weights: &Vec<Option<Weights>>| -> Vec<Steps> {
-                let all = rates.iter().zip(&self.least[triad * AXES..]);
-                all.map(|(rates, least)| Steps::of(&rates[part.clone()], weights, *least)).collect()
-            };
-            let widths = weights.each_ref().map(steps);
+            let widths = widths.each_ref().map(|steps| &steps[first..first + AXES]);
             for place in 0..part.len() {
                 for (width, all) in widths.iter().enumerate() {
                     let ratio: f64 = all.iter().map(|steps| steps.ratios[place].powi(2)).sum();
@@ -164,6 +159,11 @@ impl Weights {
         left.iter_mut().for_each(|value| *value /= squares);
         Some(Self { first: rows.start, weights: left, error: squares.sqrt().recip() })
     }
+
+    /// The step of these rates.
+    fn step(&self, rates: &[f64]) -> f64 {
+        self.weights.iter().zip(&rates[self.first..]).map(|(weight, value)| weight * value).sum()
+    }
 }
 
 /// A column without what others explain of it, which are orthonormal.
@@ -184,23 +184,34 @@ struct Steps {
 }
 
 impl Steps {
-    fn of(rates: &[f64], weights: &[Option<Weights>], least: f64) -> Self {
-        let size = |weights: &Option<Weights>| {
-            let Some(weights) = weights else { return 0.0 };
-            let values = &rates[weights.first..];
-            weights.weights.iter().zip(values).map(|(weight, value)| weight * value).sum()
-        };
-        let sizes: Vec<f64> = weights.iter().map(size).collect();
+    /// The steps of all sensors between so many bins on each side. Those of a place are found while its weights are
+    /// there: all weights of a day would be hundreds of megabytes.
+    fn all(bins: &Bins, rest: &[usize], rates: &[&[f64]], least: &[f64], side: usize) -> Vec<Self> {
+        let mut sizes = vec![vec![0.0; rest.len()]; rates.len()];
+        let mut of_noise: Vec<Option<f64>> = Vec::with_capacity(rest.len());
+        for place in 0..rest.len() {
+            let weights = Weights::of(bins, rest, place, side);
+            for (sizes, rates) in sizes.iter_mut().zip(rates) {
+                sizes[place] = weights.as_ref().map_or(0.0, |weights| weights.step(rates));
+            }
+            of_noise.push(weights.map(|weights| weights.error));
+        }
+        let steps = |((sizes, rates), least): ((_, &&[f64]), &f64)| Self::of(sizes, rates, &of_noise, *least);
+        sizes.into_iter().zip(rates).zip(least).map(steps).collect()
+    }
+
+    /// `of_noise` is the error of a step for a bin's noise of 1, where there is one.
+    fn of(sizes: Vec<f64>, rates: &[f64], of_noise: &[Option<f64>], least: f64) -> Self {
         let there: Vec<f64> =
-            weights.iter().zip(&sizes).filter(|(it, _)| it.is_some()).map(|(_, size)| *size).collect();
+            of_noise.iter().zip(&sizes).filter(|(it, _)| it.is_some()).map(|(_, size)| *size).collect();
         let second: Vec<f64> = rates.windows(3).map(|three| three[0] - 2.0 * three[1] + three[2]).collect();
         let noise = robust_sd(&second) / 6.0_f64.sqrt();
         let everywhere = robust_sd(&there);
-        let error = |weights: &Option<Weights>| {
-            let white = weights.as_ref().map_or(0.0, |weights| noise * weights.error);
+        let error = |of_noise: &Option<f64>| {
+            let white = of_noise.map_or(0.0, |error| noise * error);
             white.max(everywhere).max(f64::MIN_POSITIVE)
         };
-        let errors: Vec<f64> = weights.iter().map(error).collect();
+        let errors: Vec<f64> = of_noise.iter().map(error).collect();
         let ratios = sizes.iter().zip(&errors).map(|(size, error)| size / error).collect();
         Self { sizes, ratios, errors, least }
     }

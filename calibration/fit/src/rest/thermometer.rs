@@ -45,20 +45,21 @@ pub(super) fn stuck(recording: &RampRecording, bins: &Bins, causes: &[Option<Lef
         return Vec::new();
     }
     let seconds = |standing: &ConstantTemperature| bins.ages[standing.bins.end - 1] - bins.ages[standing.bins.start];
-    let step = recording.step_of_temperature();
+    let (step, interval_s) = (recording.step_of_temperature(), recording.usual_interval_s());
     let usual_change = median(all.iter().filter_map(|standing| standing.jump));
     let least_jump = (JUMP * usual_change).max(STEPS * step);
+    let biases = RankedBins::of(bins, causes);
     let is_stuck = |(number, standing): (usize, &ConstantTemperature)| {
         let near = number.saturating_sub(10)..(number + 11).min(all.len());
         let others = all[near.clone()].iter().enumerate().filter(|(other, _)| near.start + other != number);
         let usual_s = median(others.map(|(_, other)| seconds(other)));
         let stands_s = seconds(standing);
-        let covered = standing.bins.len() as f64 * recording.usual_interval_s() / stands_s.max(f64::MIN_POSITIVE);
+        let covered = standing.bins.len() as f64 * interval_s / stands_s.max(f64::MIN_POSITIVE);
         if stands_s < SHORTEST_S || stands_s < TIMES * usual_s || covered < COVERED {
             return false;
         }
         let jumps = standing.jump.is_some_and(|jump| jump > least_jump);
-        jumps || stands_s >= SHORTEST_BY_BIAS_S && biases_go_on(bins, &standing.bins, causes, usual_change.max(step))
+        jumps || stands_s >= SHORTEST_BY_BIAS_S && biases.go_on(&standing.bins, usual_change.max(step))
     };
     let found = all.iter().enumerate().filter(|(number, standing)| is_stuck((*number, standing)));
     // The first bin of each was measured.
@@ -83,23 +84,78 @@ fn standings(recording: &RampRecording, bins: &Bins) -> Vec<ConstantTemperature>
     changes.iter().zip(ends).map(standing).collect()
 }
 
-/// Whether a bias changes within these bins by more than some changes of the temperature explain.
-fn biases_go_on(bins: &Bins, within: &Range<usize>, causes: &[Option<LeftOutCause>], change: f64) -> bool {
-    let rest: Vec<usize> = within.clone().filter(|bin| causes[*bin].is_none()).collect();
-    let others: Vec<usize> = (0..bins.len()).filter(|bin| !within.contains(bin) && causes[*bin].is_none()).collect();
-    if rest.len() < 2 * PARTS || others.len() < 2 * PARTS {
-        return false;
+/// The bins that count, by the size of each rate and of the temperature: a span of all of them but some is then found
+/// without sorting all again.
+struct RankedBins<'a> {
+    bins: &'a Bins,
+    /// The bins that count, ascending.
+    counted: Vec<usize>,
+    /// Of each rate and of the temperature.
+    rates: Vec<Ranks<'a>>,
+    temperature: Ranks<'a>,
+}
+
+/// The order of bins by size.
+struct Ranks<'a> {
+    values: &'a [f64],
+    /// Bins by rising values.
+    sorted: Vec<usize>,
+    /// The place of each of these bins in `sorted`.
+    places: Vec<usize>,
+}
+
+impl<'a> Ranks<'a> {
+    fn of(values: &'a [f64], counted: &[usize]) -> Self {
+        let mut sorted = counted.to_vec();
+        sorted.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+        let mut places = vec![0; values.len()];
+        sorted.iter().enumerate().for_each(|(place, bin)| places[*bin] = place);
+        Self { values, sorted, places }
     }
-    bins.rates.iter().any(|rates| {
-        let (moved, error) = change_of(rates, &rest);
-        let spans = |some: &[usize]| [rates, &bins.temperature].map(|all| spread(some.iter().map(|bin| all[*bin])));
+
+    /// The span of the values of all bins but these, without the outermost twentieths.
+    fn spread_without(&self, bins: &[usize]) -> f64 {
+        let mut left_out: Vec<usize> = bins.iter().map(|bin| self.places[*bin]).collect();
+        left_out.sort_unstable();
+        let count = self.sorted.len() - left_out.len();
+        let at = |part: f64| {
+            let mut place = (count as f64 * part) as usize;
+            for out in &left_out {
+                place += usize::from(*out <= place);
+            }
+            self.sorted.get(place).map_or(0.0, |bin| self.values[*bin])
+        };
+        at(0.95) - at(0.05)
+    }
+}
+
+impl<'a> RankedBins<'a> {
+    fn of(bins: &'a Bins, causes: &[Option<LeftOutCause>]) -> Self {
+        let counted: Vec<usize> = (0..bins.len()).filter(|bin| causes[*bin].is_none()).collect();
+        let rates = bins.rates.iter().map(|rates| Ranks::of(rates, &counted)).collect();
+        let temperature = Ranks::of(&bins.temperature, &counted);
+        Self { bins, counted, rates, temperature }
+    }
+
+    /// Whether a bias changes within these bins by more than some changes of the temperature explain.
+    fn go_on(&self, within: &Range<usize>, change: f64) -> bool {
+        let [before, behind] = [within.start, within.end].map(|end| self.counted.partition_point(|bin| *bin < end));
+        let rest = &self.counted[before..behind];
+        if rest.len() < 2 * PARTS || self.counted.len() - rest.len() < 2 * PARTS {
+            return false;
+        }
+        let near = &self.counted[before.saturating_sub(rest.len())..before];
         let slope = |[value, temperature]: [f64; 2]| value / temperature.max(change);
-        let before = others.partition_point(|bin| *bin < within.start);
-        let near = spans(&others[before.saturating_sub(rest.len())..before]);
-        let [value, temperature] = spans(&others);
-        let slope = slope([value, temperature]).max(slope(near));
-        moved.abs() > CHANGES * change * slope + ERRORS * error && moved.abs() > PART * value
-    })
+        let of_all = self.temperature.spread_without(rest);
+        let of_near = spread(near.iter().map(|bin| self.bins.temperature[*bin]));
+        self.rates.iter().any(|ranks| {
+            let rates = ranks.values;
+            let (moved, error) = change_of(rates, rest);
+            let value = ranks.spread_without(rest);
+            let slope = slope([value, of_all]).max(slope([spread(near.iter().map(|bin| rates[*bin])), of_near]));
+            moved.abs() > CHANGES * change * slope + ERRORS * error && moved.abs() > PART * value
+        })
+    }
 }
 
 /// How much a rate changes over these bins, with its error.
@@ -115,10 +171,28 @@ fn change_of(rates: &[f64], rest: &[usize]) -> (f64, f64) {
     (slope, (left / (n - 2.0) / squares).sqrt())
 }
 
-/// The span of values, without the outermost tenths.
+/// The span of values, without the outermost twentieths.
 fn spread(values: impl Iterator<Item = f64>) -> f64 {
     let mut all: Vec<f64> = values.collect();
     all.sort_by(f64::total_cmp);
     let at = |part: f64| all.get((all.len() as f64 * part) as usize).copied().unwrap_or_default();
     at(0.95) - at(0.05)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spread_without_some_bins_is_that_of_the_others() {
+        // Values that repeat, in no order.
+        let values: Vec<f64> = (0..500_u32).map(|bin| f64::from(bin.wrapping_mul(2_654_435_761) >> 25)).collect();
+        let counted: Vec<usize> = (0..values.len()).filter(|bin| bin % 7 != 0).collect();
+        let ranks = Ranks::of(&values, &counted);
+        for (begin, end) in [(0, 0), (0, 20), (13, 14), (100, 300), (400, counted.len()), (0, counted.len())] {
+            let others = counted[..begin].iter().chain(&counted[end..]);
+            let right = spread(others.map(|bin| values[*bin]));
+            assert_eq!(ranks.spread_without(&counted[begin..end]), right, "{begin} to {end}");
+        }
+    }
 }

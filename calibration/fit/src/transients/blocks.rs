@@ -2,7 +2,7 @@
 //!
 //! Over 400 lines: what goes into the fit, from the recordings to the columns.
 
-use super::equations::NormalEquations;
+use super::equations::PieceEquations;
 use super::options::{CurveSource, TransientsError};
 use super::readings::{Reading, behind, interpolated};
 use super::recording::RampRecording;
@@ -254,16 +254,26 @@ impl Ramps {
     }
 
     /// Normal equations of every piece of every sweep, from the rows.
-    pub(super) fn equations(&self, rows: &[Vec<f64>]) -> Vec<Vec<NormalEquations>> {
-        let count = self.columns(Column::Time).end;
-        let piece = |piece: &Range<usize>| {
+    pub(super) fn equations(&self, rows: &[Vec<f64>]) -> Vec<Vec<PieceEquations>> {
+        let piece = |recording: usize, piece: &Range<usize>| {
             checkpoint();
-            let mut equations = NormalEquations::new(count);
+            let mut equations = PieceEquations::new(self.columns_of_recording(recording));
             let inside = piece.clone().filter(|block| self.blocks[*block].is_fitted());
             inside.for_each(|block| equations.add(&rows[block]));
             equations
         };
-        self.sweeps.iter().map(|sweep| sweep.pieces.iter().map(piece).collect()).collect()
+        self.sweeps.iter().map(|sweep| sweep.pieces.iter().map(|it| piece(sweep.recording, it)).collect()).collect()
+    }
+
+    /// The columns that are not 0 in rows of a recording, and the value, which comes after all columns.
+    fn columns_of_recording(&self, recording: usize) -> Vec<usize> {
+        use Column::{Constant, Curve, Plays, Start, Time, Transient};
+        let own = |column: Column| match self.columns(column) {
+            all if matches!(column, Constant | Start | Time) => all.start + recording..all.start + recording + 1,
+            all => all,
+        };
+        let columns = [Constant, Curve, Transient, Start, Plays, Time].into_iter().flat_map(own);
+        columns.chain([self.columns(Time).end]).collect()
     }
 
     /// Mean of d = L - U, by block.

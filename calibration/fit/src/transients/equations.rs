@@ -1,5 +1,5 @@
 //! Normal equations that are added up by pieces of the data, so that a fit without a piece costs nothing but its
-//! solution.
+//! solution. A piece is of one recording, and has only the columns of that: there may be dozens of recordings.
 //!
 //! Columns are of order 1 and the values are centred before, so that squaring the condition loses no digit that
 //! matters.
@@ -13,6 +13,14 @@ const DEPENDENT: f64 = 1e-9;
 /// Sums of products of the columns and of the value, which is the last column.
 #[derive(Clone, Debug)]
 pub(super) struct NormalEquations(DMatrix<f64>);
+
+/// Those of a piece, with the columns that are not 0 in it.
+#[derive(Clone, Debug)]
+pub(super) struct PieceEquations {
+    /// Rising; the last one is the value.
+    columns: Vec<usize>,
+    sums: DMatrix<f64>,
+}
 
 /// Coefficients of all columns; 0 for those that were not used, or are not determined.
 #[derive(Clone, Debug)]
@@ -28,23 +36,20 @@ impl NormalEquations {
         Self(DMatrix::zeros(columns + 1, columns + 1))
     }
 
-    /// Adds a row: the columns and then the value.
-    pub(super) fn add(&mut self, row: &[f64]) {
-        // Many columns of a row are 0.
-        for (i, a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
-            for (j, b) in row.iter().enumerate().take(i + 1) {
-                self.0[(i, j)] += a * b;
+    pub(super) fn plus(self, piece: &PieceEquations) -> Self {
+        self.with(piece, 1.0)
+    }
+
+    pub(super) fn minus(self, piece: &PieceEquations) -> Self {
+        self.with(piece, -1.0)
+    }
+
+    fn with(mut self, piece: &PieceEquations, factor: f64) -> Self {
+        for (j, column) in piece.columns.iter().enumerate() {
+            for (i, row) in piece.columns.iter().enumerate().skip(j) {
+                self.0[(*row, *column)] += factor * piece.sums[(i, j)];
             }
         }
-    }
-
-    pub(super) fn plus(mut self, other: &Self) -> Self {
-        self.0 += &other.0;
-        self
-    }
-
-    pub(super) fn minus(mut self, other: &Self) -> Self {
-        self.0 -= &other.0;
         self
     }
 
@@ -85,6 +90,30 @@ impl NormalEquations {
     }
 }
 
+impl PieceEquations {
+    /// Of no data.
+    pub(super) fn new(columns: Vec<usize>) -> Self {
+        let sums = DMatrix::zeros(columns.len(), columns.len());
+        Self { columns, sums }
+    }
+
+    /// Adds a row: all columns and then the value.
+    pub(super) fn add(&mut self, row: &[f64]) {
+        for (j, column) in self.columns.iter().enumerate() {
+            for (i, other) in self.columns.iter().enumerate().skip(j) {
+                self.sums[(i, j)] += row[*other] * row[*column];
+            }
+        }
+    }
+
+    /// Together with another piece of the same recording.
+    pub(super) fn and(mut self, other: &Self) -> Self {
+        debug_assert_eq!(self.columns, other.columns);
+        self.sums += &other.sums;
+        self
+    }
+}
+
 impl Coefficients {
     /// The fitted value of a row of columns.
     pub(super) fn of(&self, row: &[f64]) -> f64 {
@@ -96,11 +125,15 @@ impl Coefficients {
 mod tests {
     use super::*;
 
-    fn equations(rows: &[[f64; 4]]) -> NormalEquations {
-        rows.iter().fold(NormalEquations::new(3), |mut equations, row| {
-            equations.add(row);
-            equations
+    fn piece(rows: &[[f64; 4]]) -> PieceEquations {
+        rows.iter().fold(PieceEquations::new(vec![0, 1, 2, 3]), |mut piece, row| {
+            piece.add(row);
+            piece
         })
+    }
+
+    fn equations(rows: &[[f64; 4]]) -> NormalEquations {
+        NormalEquations::new(3).plus(&piece(rows))
     }
 
     #[test]
@@ -119,9 +152,33 @@ mod tests {
     }
 
     #[test]
+    fn a_piece_has_some_of_the_columns() {
+        // The constants of two recordings.
+        let of = |recording: usize, values: [f64; 2]| {
+            let mut piece = PieceEquations::new(vec![recording, 2, 3]);
+            values.iter().zip([-1.0, 1.0]).for_each(|(value, x)| {
+                let mut row = [0.0, 0.0, x, *value];
+                row[recording] = 1.0;
+                piece.add(&row);
+            });
+            piece
+        };
+        let (first, second) = (of(0, [1.0, 5.0]), of(1, [10.0, 14.0]));
+        let both = NormalEquations::new(3).plus(&first).plus(&second);
+        let assert_near = |values: &[f64], right: [f64; 3]| {
+            assert!(values.iter().zip(right).all(|(value, right)| (value - right).abs() < 1e-12), "{values:?}");
+        };
+        assert_near(&both.solve(&[0, 1, 2]).values, [3.0, 12.0, 2.0]);
+        assert_near(&both.minus(&second).solve(&[0, 1, 2]).values, [3.0, 0.0, 2.0]);
+        let twice = NormalEquations::new(3).plus(&first.clone().and(&first)).solve(&[0, 2]);
+        assert_near(&twice.values, [3.0, 0.0, 2.0]);
+        assert!(twice.squares < 1e-12, "{}", twice.squares);
+    }
+
+    #[test]
     fn pieces_add_up() {
         let rows: Vec<_> = (0..9).map(f64::from).map(|x| [1.0, x, x * x, libm::sin(x)]).collect();
-        let part = equations(&rows[..4]);
+        let part = piece(&rows[..4]);
         let rest = equations(&rows).minus(&part);
         let direct = equations(&rows[4..]).solve(&[0, 1, 2]);
         for (a, b) in rest.solve(&[0, 1, 2]).values.iter().zip(&direct.values) {

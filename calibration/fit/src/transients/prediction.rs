@@ -7,8 +7,7 @@ use super::blocks::{Column, Ramps};
 use super::equations::NormalEquations;
 use super::options::SOAK;
 use super::result::Prediction;
-use super::search::{Grid, total};
-use core::ops::Range;
+use super::search::{Grid, LeftOut, total};
 
 const STATIC: [Column; 2] = [Column::Constant, Column::Curve];
 const HYSTERESIS: [Column; 3] = [Column::Constant, Column::Curve, Column::Plays];
@@ -17,6 +16,9 @@ const LAG_AND_HYSTERESIS: [Column; 5] =
     [Column::Constant, Column::Curve, Column::Transient, Column::Start, Column::Plays];
 /// With a time constant that was given.
 const LAG: [Column; 3] = [Column::Constant, Column::Curve, Column::Transient];
+
+/// Groups of what is left out, at most.
+const GROUPS: usize = 48;
 
 /// Sums of squares of the four models.
 #[derive(Clone, Default)]
@@ -31,16 +33,17 @@ pub(super) fn predictions(ramps: &Ramps, grid: &Grid<'_>, given_s: Option<f64>) 
     let lag = ramps.columns_of(if with_plays { &LAG_AND_HYSTERESIS } else { &LAG });
     let plays = ramps.columns(Column::Plays);
     let mut squares = vec![Squares::default(); ramps.biases.len()];
-    for LeftOut { sweep, pieces } in left_out(ramps, given_s.is_some()) {
-        let tau_s = given_s.unwrap_or_else(|| grid.best_without_sweep(&lag, sweep).tau_s);
+    for parts in left_out(ramps, given_s.is_some()) {
+        let tau_s = given_s.unwrap_or_else(|| grid.minimum(&lag, &parts).tau_s);
         for (bias, squares) in ramps.biases.iter().zip(&mut squares) {
             let rows = ramps.rows(bias, tau_s);
             let equations = ramps.equations(&rows);
-            let training =
-                equations[sweep][pieces.clone()].iter().fold(total(ramps, &equations), NormalEquations::minus);
+            let pieces = parts.iter().flat_map(|part| &equations[part.sweep][part.pieces.clone()]);
+            let training = pieces.fold(total(ramps, &equations), NormalEquations::minus);
             let models =
                 [&ramps.columns_of(&STATIC), &ramps.columns_of(&HYSTERESIS), &lag].map(|used| training.solve(used));
-            let judged = ramps.sweeps[sweep].pieces[pieces.clone()].iter().flat_map(|piece| piece.clone());
+            let judged =
+                parts.iter().flat_map(|part| &ramps.sweeps[part.sweep].pieces[part.pieces.clone()]).cloned().flatten();
             let soaked = |block: &usize| ramps.blocks[*block].age_s > SOAK * tau_s && ramps.blocks[*block].is_fitted();
             for block in judged.filter(soaked) {
                 let row = &rows[block];
@@ -61,16 +64,11 @@ pub(super) fn predictions(ramps: &Ramps, grid: &Grid<'_>, given_s: Option<f64>) 
     squares.iter().map(rms).collect()
 }
 
-/// Some pieces of a sweep.
-struct LeftOut {
-    sweep: usize,
-    pieces: Range<usize>,
-}
-
 /// The sweeps to leave out: those of recordings with another sweep, which gives the constant, and of these those
 /// without which one recording still has both directions. If there are none: with a time constant that was `given`
-/// every piece, otherwise all sweeps.
-fn left_out(ramps: &Ramps, given: bool) -> Vec<LeftOut> {
+/// every piece, otherwise all sweeps. One
+/// at a time, if there are more of them in [`GROUPS`] groups.
+fn left_out(ramps: &Ramps, given: bool) -> Vec<Vec<LeftOut>> {
     let others = |sweep: usize| {
         ramps.sweeps.iter().enumerate().filter(move |(other, _)| *other != sweep).map(|(_, other)| other)
     };
@@ -86,11 +84,14 @@ fn left_out(ramps: &Ramps, given: bool) -> Vec<LeftOut> {
     };
     let remain: Vec<_> = possible.iter().copied().filter(both).collect();
     let pieces = |sweep: usize| ramps.sweeps[sweep].pieces.len();
-    if remain.is_empty() && given {
+    let parts: Vec<LeftOut> = if remain.is_empty() && given {
         let every = possible.iter().flat_map(|&sweep| (0..pieces(sweep)).map(move |piece| (sweep, piece)));
         every.map(|(sweep, piece)| LeftOut { sweep, pieces: piece..piece + 1 }).collect()
     } else {
         let sweeps = if remain.is_empty() { possible } else { remain };
         sweeps.into_iter().map(|sweep| LeftOut { sweep, pieces: 0..pieces(sweep) }).collect()
-    }
+    };
+    // The sweeps of a recording are neighbours: they come into different groups.
+    let groups = parts.len().min(GROUPS);
+    (0..groups).map(|group| parts.iter().skip(group).step_by(groups).cloned().collect()).collect()
 }

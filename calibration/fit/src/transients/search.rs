@@ -1,11 +1,14 @@
 //! The search over the time constant, and the estimates with their jackknife errors.
 
 use super::blocks::{Column, Ramps};
-use super::equations::NormalEquations;
+use super::equations::{NormalEquations, PieceEquations};
+use core::ops::Range;
 use isotherm_support::checkpoint::checkpoint;
 
 /// Time constants of the search in a factor of 2.
 const PER_OCTAVE: f64 = 6.0;
+/// Parts of the data that are left out one at a time, at most; where there are more, neighbours are left out together.
+const REPLICATES: usize = 96;
 
 /// The equations of every time constant of the grid, bias, sweep and piece.
 pub(super) struct Grid<'a> {
@@ -13,9 +16,16 @@ pub(super) struct Grid<'a> {
     /// Rising \[s\].
     pub taus_s: Vec<f64>,
     /// By time constant, bias, sweep and piece.
-    pieces: Vec<Vec<Vec<Vec<NormalEquations>>>>,
+    pieces: Vec<Vec<Vec<Vec<PieceEquations>>>>,
     /// Their sums, by time constant and bias.
     totals: Vec<Vec<NormalEquations>>,
+}
+
+/// Some pieces of a sweep, which a fit does without.
+#[derive(Clone, Debug)]
+pub(super) struct LeftOut {
+    pub sweep: usize,
+    pub pieces: Range<usize>,
 }
 
 /// The best time constant of a search.
@@ -68,14 +78,24 @@ impl<'a> Grid<'a> {
         Self { ramps, taus_s, pieces, totals }
     }
 
-    /// The least objective, the sum over the biases of n log(SSE/n), of the equations less `without`. `used` are the
+    /// The equations of a time constant and a bias, without some data.
+    fn rest(&self, [tau, bias]: [usize; 2], left_out: &[LeftOut]) -> NormalEquations {
+        left_out.iter().fold(self.totals[tau][bias].clone(), |rest, LeftOut { sweep, pieces }| {
+            match self.pieces[tau][bias][*sweep][pieces.clone()].split_first() {
+                Some((first, others)) => rest.minus(&others.iter().fold(first.clone(), PieceEquations::and)),
+                None => rest,
+            }
+        })
+    }
+
+    /// The least objective, the sum over the biases of n log(SSE/n), of the equations without some data. `used` are the
     /// columns.
-    fn minimum(&self, used: &[usize], without: impl Fn(usize, usize) -> NormalEquations) -> Minimum {
+    pub(super) fn minimum(&self, used: &[usize], left_out: &[LeftOut]) -> Minimum {
         let n = self.ramps.inside() as f64;
         let objective = |tau: usize| {
             checkpoint();
             let of = |bias: usize| {
-                let squares = self.totals[tau][bias].clone().minus(&without(tau, bias)).solve(used).squares;
+                let squares = self.rest([tau, bias], left_out).solve(used).squares;
                 n * libm::log((squares / n).max(f64::MIN_POSITIVE))
             };
             (0..self.ramps.biases.len()).map(of).sum::<f64>()
@@ -90,18 +110,6 @@ impl<'a> Grid<'a> {
             self.taus_s[best] * libm::pow(self.taus_s[best + 1] / self.taus_s[best], shift)
         };
         Minimum { tau_s, at_end, objective }
-    }
-
-    /// The best time constant with all data.
-    pub(super) fn best(&self, used: &[usize]) -> Minimum {
-        self.minimum(used, |_, bias| self.none(bias))
-    }
-
-    /// The best time constant without one sweep.
-    pub(super) fn best_without_sweep(&self, used: &[usize], sweep: usize) -> Minimum {
-        self.minimum(used, |tau, bias| {
-            self.pieces[tau][bias][sweep].iter().fold(self.none(bias), |sum, piece| sum.plus(piece))
-        })
     }
 
     /// The errors by leaving parts of sweeps out, one at a time, where the best time constant is `tau_s`.
@@ -121,22 +129,18 @@ impl<'a> Grid<'a> {
         let transient = self.ramps.columns(Column::Transient).start;
         let none = vec![Vec::new(); self.ramps.biases.len()];
         let mut found = Replicates { log_tau: Vec::new(), at_tau: none.clone(), own: none };
-        for sweep in 0..self.ramps.sweeps.len() {
-            for first in (0..self.ramps.sweeps[sweep].pieces.len()).step_by(count) {
-                let without = |tau: usize, bias: usize| {
-                    let pieces = self.pieces[tau][bias][sweep].iter().skip(first).take(count);
-                    pieces.fold(self.none(bias), |sum, piece| sum.plus(piece))
-                };
-                let own_tau_s = self.minimum(used, without).tau_s;
-                found.log_tau.push(libm::log(own_tau_s));
-                for bias in 0..self.ramps.biases.len() {
-                    let at = |tau: usize| {
-                        let equations = self.totals[tau][bias].clone().minus(&without(tau, bias));
-                        equations.solve(used).values[transient]
-                    };
-                    found.at_tau[bias].push(self.interpolated(tau_s, at));
-                    found.own[bias].push(self.interpolated(own_tau_s, at));
-                }
+        let parts = self.ramps.sweeps.iter().enumerate().flat_map(|(sweep, of)| {
+            let end = of.pieces.len();
+            (0..end).step_by(count).map(move |first| LeftOut { sweep, pieces: first..(first + count).min(end) })
+        });
+        let parts: Vec<LeftOut> = parts.collect();
+        for left_out in parts.chunks(parts.len().div_ceil(REPLICATES).max(1)) {
+            let own_tau_s = self.minimum(used, left_out).tau_s;
+            found.log_tau.push(libm::log(own_tau_s));
+            for bias in 0..self.ramps.biases.len() {
+                let at = |tau: usize| self.rest([tau, bias], left_out).solve(used).values[transient];
+                found.at_tau[bias].push(self.interpolated(tau_s, at));
+                found.own[bias].push(self.interpolated(own_tau_s, at));
             }
         }
         found
@@ -154,15 +158,10 @@ impl<'a> Grid<'a> {
         let [before, here, after] = [middle - 1, middle, middle + 1].map(at);
         here + x * (after - before) / 2.0 + x * x * (after - 2.0 * here + before) / 2.0
     }
-
-    fn none(&self, bias: usize) -> NormalEquations {
-        let total = &self.totals[0][bias];
-        total.clone().minus(total)
-    }
 }
 
 /// All pieces of one bias.
-pub(super) fn total(ramps: &Ramps, sweeps: &[Vec<NormalEquations>]) -> NormalEquations {
+pub(super) fn total(ramps: &Ramps, sweeps: &[Vec<PieceEquations>]) -> NormalEquations {
     let none = NormalEquations::new(ramps.columns(Column::Time).end);
     sweeps.iter().flatten().fold(none, |sum, piece| sum.plus(piece))
 }

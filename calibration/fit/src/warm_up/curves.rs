@@ -102,7 +102,7 @@ pub(super) struct Shape {
     /// Weighted sum of the squares of what the curve leaves of the means of bins, and their number less that of the
     /// unknowns.
     left: (f64, f64),
-    /// Covariance of powers and constants for weights that are inverse variances.
+    /// Covariance of the powers and of the constants' mean, for weights that are inverse variances.
     covariance: DMatrix<f64>,
 }
 
@@ -153,42 +153,59 @@ impl Series {
         self.fit_to(&means, order, weight)
     }
 
-    /// The curve of this order through means of bins.
-    fn fit_to(&self, means: &[(i64, Mean)], order: usize, weight: Weight) -> Option<Shape> {
+    /// The curve of this order through means of bins. The constants of the recordings, which may be hundreds, are
+    /// eliminated first: values and powers are taken about their weighted means in each recording.
+    pub(super) fn fit_to(&self, means: &[(i64, Mean)], order: usize, weight: Weight) -> Option<Shape> {
         checkpoint();
         let mut in_bin: BTreeMap<i64, f64> = BTreeMap::new();
         means.iter().for_each(|(index, mean)| *in_bin.entry(*index).or_default() += mean.count);
         if in_bin.len() < BINS_PER_COEFFICIENT * (order + 1) {
             return None;
         }
-        let mut there: Vec<usize> = means.iter().map(|(_, mean)| mean.recording).collect();
-        there.sort_unstable();
-        there.dedup();
-        let column = |recording: usize| there.binary_search(&recording).unwrap_or_default();
         let weight = |(index, mean): &(i64, Mean)| match weight {
-            Weight::Alike(_) => (mean.count / in_bin[index]).sqrt(),
-            Weight::Rows => mean.count.sqrt(),
-            Weight::Scatter(scatter) => scatter.variance(mean.count).sqrt().recip(),
+            Weight::Alike(_) => mean.count / in_bin[index],
+            Weight::Rows => mean.count,
+            Weight::Scatter(scatter) => scatter.variance(mean.count).recip(),
         };
-        let jacobian = DMatrix::from_fn(means.len(), order + there.len(), |i, j| {
-            let (_, mean) = &means[i];
-            let value = match j.checked_sub(order) {
-                None => place(self.range, mean.temperature).powi(j as i32 + 1),
-                Some(constant) => f64::from(u8::from(constant == column(mean.recording))),
-            };
-            value * weight(&means[i])
+        // The powers of the place, and the value.
+        let column = |mean: &Mean, j: usize| match j < order {
+            true => place(self.range, mean.temperature).powi(j as i32 + 1),
+            false => mean.value,
+        };
+        let mut weights = vec![0.0; self.recordings.len()];
+        let mut centers = DMatrix::zeros(self.recordings.len(), order + 1);
+        for it in means {
+            let (recording, weight) = (it.1.recording, weight(it));
+            weights[recording] += weight;
+            (0..=order).for_each(|j| centers[(recording, j)] += weight * column(&it.1, j));
+        }
+        let there: Vec<usize> = (0..weights.len()).filter(|recording| weights[*recording] > 0.0).collect();
+        there.iter().for_each(|recording| centers.row_mut(*recording).unscale_mut(weights[*recording]));
+        let freedom = means.len().checked_sub(order + there.len())?;
+        let about = DMatrix::from_fn(means.len(), order + 1, |i, j| {
+            (column(&means[i].1, j) - centers[(means[i].1.recording, j)]) * weight(&means[i]).sqrt()
         });
-        let residual = DVector::from_fn(means.len(), |i, _| -means[i].1.value * weight(&means[i]));
-        let solution = least_squares(&jacobian, &residual)?;
-        let change = &solution.change;
-        let constant = |recording: usize| there.contains(&recording).then(|| change[order + column(recording)]);
-        let left = (&jacobian * change + &residual).norm_squared();
+        let (jacobian, residual) = (about.columns(0, order).into_owned(), -about.column(order));
+        let (change, inverse) = match order {
+            0 => (DVector::zeros(0), DMatrix::zeros(0, 0)),
+            _ => least_squares(&jacobian, &residual).map(|solution| (solution.change, solution.inverse))?,
+        };
+        let constant = |recording: usize| {
+            let powers = centers.row(recording).columns(0, order).transpose();
+            (weights[recording] > 0.0).then(|| centers[(recording, order)] - powers.dot(&change))
+        };
+        let count = there.len() as f64;
+        let mean_powers = DVector::from_fn(order, |j, _| there.iter().map(|it| centers[(*it, j)]).sum::<f64>() / count);
+        let shared = -(&inverse * &mean_powers);
+        let own: f64 = there.iter().map(|it| weights[*it].recip()).sum::<f64>() / (count * count);
+        let mut covariance = inverse.resize(order + 1, order + 1, own - shared.dot(&mean_powers));
+        (0..order).for_each(|j| [covariance[(j, order)], covariance[(order, j)]] = [shared[j]; 2]);
         Some(Shape {
             range: self.range,
-            powers: change.iter().take(order).copied().collect(),
+            left: ((&jacobian * &change + &residual).norm_squared(), freedom as f64),
             constants: (0..self.recordings.len()).map(constant).collect(),
-            left: (left, (jacobian.nrows() - jacobian.ncols()) as f64),
-            covariance: solution.inverse,
+            powers: change.iter().copied().collect(),
+            covariance,
         })
     }
 
@@ -258,7 +275,7 @@ impl Shape {
             *weights += weight;
         }
         let left: f64 = wide.values().map(|(sum, weights)| sum * sum / weights).sum();
-        let unknowns = self.covariance.nrows();
+        let unknowns = self.powers.len() + self.constants.iter().flatten().count();
         (left / wide.len().saturating_sub(unknowns).max(1) as f64).max(1.0)
     }
 
@@ -271,14 +288,14 @@ impl Shape {
     /// Standard error of the curve at a temperature; of its difference from that at `at`, if that is given.
     pub(super) fn standard_error(&self, temperature: f64, at: Option<f64>, together: f64) -> f64 {
         let (x, from) = (place(self.range, temperature), at.map(|at| place(self.range, at)));
-        let (order, constants) = (self.powers.len(), self.covariance.nrows() - self.powers.len());
+        let order = self.powers.len();
         let column = |j: usize| match (j < order, from) {
             (true, None) => x.powi(j as i32 + 1),
             (true, Some(from)) => x.powi(j as i32 + 1) - from.powi(j as i32 + 1),
-            (false, None) => 1.0 / constants as f64,
+            (false, None) => 1.0,
             (false, Some(_)) => 0.0,
         };
-        let columns = DVector::from_fn(order + constants, |j, _| column(j));
+        let columns = DVector::from_fn(order + 1, |j, _| column(j));
         (columns.dot(&(&self.covariance * &columns)) * together).sqrt()
     }
 
@@ -302,4 +319,56 @@ pub(super) fn spread(values: &[f64]) -> [f64; 2] {
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
     let largest = values.iter().map(|value| (value - mean).abs()).fold(0.0, f64::max);
     [(squares / n).sqrt(), largest]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Recordings of some values each, with noise that is none.
+    fn series(recordings: usize) -> Series {
+        let bin = |recording: usize, number: usize| {
+            let temperature = 20.0 + (number as f64 * 0.37 + recording as f64 * 1.3) % 40.0;
+            let value = 0.01 * temperature + 2e-4 * temperature * temperature + recording as f64;
+            let value = value + libm::sin((number * 7 + recording * 3) as f64);
+            BinValue { age_s: number as f64, temperature, value, difference: 0.0 }
+        };
+        let recordings = (0..recordings).map(|recording| (0..300).map(|number| bin(recording, number)).collect());
+        Series { kind: SensorKind::Accelerometer, axis: 0, range: [20.0, 60.0], recordings: recordings.collect() }
+    }
+
+    #[test]
+    fn a_curve_is_that_of_the_fit_with_a_column_for_each_constant() {
+        let series = series(3);
+        let scatter = Scatter { white: 0.5, floor: 0.02, usual: 8.0 };
+        for order in 0..4 {
+            let shape = series.fit(&series.whole(), order, Weight::Scatter(scatter)).unwrap();
+            let means = series.means(&series.whole(), series.narrow());
+            let root = |mean: &Mean| scatter.variance(mean.count).sqrt().recip();
+            let jacobian = DMatrix::from_fn(means.len(), order + 3, |i, j| {
+                let mean = &means[i].1;
+                let value = match j.checked_sub(order) {
+                    None => place(series.range, mean.temperature).powi(j as i32 + 1),
+                    Some(recording) => f64::from(u8::from(mean.recording == recording)),
+                };
+                value * root(mean)
+            });
+            let residual = DVector::from_fn(means.len(), |i, _| -means[i].1.value * root(&means[i].1));
+            let right = least_squares(&jacobian, &residual).unwrap();
+            let found = shape.powers.iter().chain(shape.constants.iter().flatten());
+            for (found, right) in found.zip(&right.change) {
+                assert!((found - right).abs() < 1e-12 * right.abs().max(1.0), "order {order}: {found}, {right}");
+            }
+            let left = (&jacobian * &right.change + &residual).norm_squared();
+            assert!((shape.left.0 / left - 1.0).abs() < 1e-12);
+            assert_eq!(shape.left.1, (means.len() - order - 3) as f64);
+            // Of a temperature: the powers there, and a third of each constant.
+            let columns = DVector::from_fn(order + 3, |j, _| match j < order {
+                true => place(series.range, 31.0).powi(j as i32 + 1),
+                false => 1.0 / 3.0,
+            });
+            let error = columns.dot(&(&right.inverse * &columns)).sqrt();
+            assert!((shape.standard_error(31.0, None, 1.0) / error - 1.0).abs() < 1e-12);
+        }
+    }
 }

@@ -28,8 +28,11 @@ struct Jump {
 
 /// The largest jump of each bias and recording, as faults. `gravity` is 1 g0 \[m/s2\].
 pub(super) fn jumps(series: &[Series], recordings: &[RampRecording], gravity: f64) -> Vec<Finding> {
+    let usual = |bias: &Series| bias.recordings.iter().filter_map(|bins| usual(bins)).reduce(f64::max);
+    let usual: Vec<Option<f64>> = series.iter().map(usual).collect();
     let of_recording = |(number, recording): (usize, &RampRecording)| {
-        let found: Vec<(&Series, Jump)> = series.iter().filter_map(|bias| Some((bias, jump(bias, number)?))).collect();
+        let of_bias = |(bias, usual): (_, &Option<f64>)| Some((bias, jump(bias, (*usual)?, number)?));
+        let found: Vec<(&Series, Jump)> = series.iter().zip(&usual).filter_map(of_bias).collect();
         let (_, first) = found.first()?;
         let sizes: Vec<_> = found
             .iter()
@@ -49,11 +52,10 @@ pub(super) fn jumps(series: &[Series], recordings: &[RampRecording], gravity: f6
     recordings.iter().enumerate().filter_map(of_recording).collect()
 }
 
-/// The largest jump of a bias in a recording.
-fn jump(bias: &Series, recording: usize) -> Option<Jump> {
+/// The largest jump of a bias in a recording, of a bias that usually does `usual`.
+fn jump(bias: &Series, usual: f64, recording: usize) -> Option<Jump> {
     let bins = &bias.recordings[recording];
     let values: Vec<f64> = bins.iter().map(|bin| bin.value).collect();
-    let usual = bias.recordings.iter().filter_map(|bins| usual(bins)).reduce(f64::max)?;
     let middle = |range: core::ops::Range<usize>| median(values[range].iter().copied());
     let usual_s = median(bins.windows(2).map(|pair| pair[1].age_s - pair[0].age_s));
     // What comes after a gap has another temperature.

@@ -12,12 +12,15 @@
 //!
 //! All biases have one order: a figure of a single axis is chance.
 
-use super::curves::{Part, Scatter, Series, Shape, Weight, spread};
+use super::curves::{Mean, Part, Scatter, Series, Shape, Weight, spread};
 
 /// The order to beat.
 const CUBIC: usize = 3;
 /// Highest order that is tried with two sweeps or more.
 const HIGHEST: usize = 6;
+/// Sweeps are left out one at a time, if there are more of them in this many groups: every one is predicted once, and
+/// the time rises with their number, not with its square.
+const GROUPS: usize = 24;
 /// What an order above the cubic leaves of sweeps left out is below this part of what the cubic leaves: 0.8 of the
 /// square.
 const BETTER: f64 = 0.9;
@@ -59,24 +62,27 @@ pub(super) fn choose(
 ) -> OrderChoice {
     let most = if sweeps.len() > 1 { HIGHEST } else { CUBIC };
     let most = most.min(highest.unwrap_or(most));
-    let tried: Vec<TriedOrder> = (0..=most).map_while(|order| tried(series, scatters, sweeps, order)).collect();
+    let errors: Vec<Vec<Option<f64>>> =
+        series.iter().zip(scatters).map(|(bias, scatter)| errors(bias, *scatter, sweeps, most)).collect();
+    let tried = (0..=most).map_while(|order| {
+        let errors: Option<Vec<f64>> = errors.iter().map(|of_bias| of_bias[order]).collect();
+        Some(TriedOrder { order, terms: terms(series, scatters, order)?, errors: errors.unwrap_or_default() })
+    });
+    let tried: Vec<TriedOrder> = tried.collect();
     let sweeps_left_out = if sweeps.len() > 1 { sweeps.len() } else { 0 };
     let order = given.unwrap_or_else(|| chosen(&tried));
     OrderChoice { order, given: given.is_some(), sweeps_left_out, tried }
 }
 
-/// `None` if the temperature does not determine the order.
-fn tried(series: &[Series], scatters: &[Scatter], sweeps: &[Part], order: usize) -> Option<TriedOrder> {
+/// The highest term of each bias in standard errors; `None` if the temperature does not determine the order.
+fn terms(series: &[Series], scatters: &[Scatter], order: usize) -> Option<Vec<f64>> {
     let of_bias = |(bias, scatter): (&Series, &Scatter)| {
         let cubic = bias.fit(&bias.whole(), order.max(CUBIC), Weight::Scatter(*scatter));
         let shape = bias.fit(&bias.whole(), order, Weight::Scatter(*scatter))?;
         let together = cubic.as_ref().unwrap_or(&shape).together(bias, *scatter);
         Some(shape.significance(together))
     };
-    let terms: Option<Vec<f64>> = series.iter().zip(scatters).map(of_bias).collect();
-    let errors = |(bias, scatter): (&Series, &Scatter)| error(bias, *scatter, sweeps, order);
-    let errors: Option<Vec<f64>> = series.iter().zip(scatters).map(errors).collect();
-    Some(TriedOrder { order, terms: terms?, errors: errors.unwrap_or_default() })
+    series.iter().zip(scatters).map(of_bias).collect()
 }
 
 /// The cubic, or the highest order below it that the temperature determines, unless a higher one predicts better.
@@ -99,30 +105,70 @@ fn mean_log(errors: &[f64]) -> f64 {
     errors.iter().map(|error| libm::log(error.max(NONE))).sum::<f64>() / errors.len().max(1) as f64
 }
 
-/// What curves of this order leave of each sweep when it is left out, about its own mean, rms over the sweeps; `None`
-/// if no sweep can be left out.
-fn error(bias: &Series, scatter: Scatter, sweeps: &[Part], order: usize) -> Option<f64> {
-    if sweeps.len() < 2 {
-        return None;
+/// What curves of the orders up to `most` leave of each sweep when it is left out, about its own mean, rms over the
+/// sweeps; `None` for an order if no sweep can be left out.
+fn errors(bias: &Series, scatter: Scatter, sweeps: &[Part], most: usize) -> Vec<Option<f64>> {
+    let mut squares = vec![(sweeps.len() > 1).then_some(0.0); most + 1];
+    let groups = sweeps.len().min(GROUPS);
+    for group in 0..groups {
+        let of_group = |number: usize| number % groups == group;
+        let part = |is_in: bool| {
+            let parts = sweeps.iter().enumerate().filter(move |(number, _)| of_group(*number) == is_in);
+            parts.map(|(_, part)| part.clone()).collect::<Vec<_>>()
+        };
+        let (own, others) = (part(true), part(false));
+        let temperature = others.iter().flat_map(|part| bias.bins(part)).map(|bin| bin.temperature);
+        let range = temperature.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], it| [low.min(it), high.max(it)]);
+        let means = bias.means(&others, bias.narrow());
+        let own: Vec<Vec<(i64, Mean)>> =
+            own.iter().map(|sweep| bias.means(core::slice::from_ref(sweep), bias.narrow())).collect();
+        for (order, sum) in squares.iter_mut().enumerate() {
+            let Some(before) = *sum else { continue };
+            let shape = bias.fit_to(&means, order, Weight::Scatter(scatter));
+            *sum = shape.map(|shape| own.iter().fold(before, |sum, sweep| sum + left(sweep, range, &shape).powi(2)));
+        }
     }
-    let mut squares = 0.0;
-    for (number, sweep) in sweeps.iter().enumerate() {
-        let others: Vec<Part> =
-            sweeps.iter().enumerate().filter(|(other, _)| *other != number).map(|(_, part)| part.clone()).collect();
-        let shape = bias.fit(&others, order, Weight::Scatter(scatter))?;
-        squares += left(bias, sweep, &others, &shape).powi(2);
-    }
-    Some((squares / sweeps.len() as f64).sqrt())
+    squares.into_iter().map(|sum| Some((sum? / sweeps.len() as f64).sqrt())).collect()
 }
 
-/// What a curve leaves of a sweep within the temperature of the others that it was fitted to: standard deviation of the
-/// means of narrow bins.
-fn left(bias: &Series, sweep: &Part, others: &[Part], shape: &Shape) -> f64 {
-    let temperature = others.iter().flat_map(|part| bias.bins(part)).map(|bin| bin.temperature);
-    let [low, high] =
-        temperature.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], it| [low.min(it), high.max(it)]);
-    let means = bias.means(core::slice::from_ref(sweep), bias.narrow());
+/// What a curve leaves of the means of a sweep within the temperature that it was fitted to: their standard deviation.
+fn left(means: &[(i64, Mean)], [low, high]: [f64; 2], shape: &Shape) -> f64 {
     let within = means.iter().map(|(_, mean)| mean).filter(|mean| (low..=high).contains(&mean.temperature));
     let residuals: Vec<f64> = within.map(|mean| mean.value - shape.at(mean.temperature)).collect();
     spread(&residuals)[0]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transients::BinValue;
+    use isotherm_shared::units::SensorKind;
+
+    /// Sweeps of a bias of order 5, each a recording of its own.
+    fn of_sweeps(count: usize) -> OrderChoice {
+        let bin = |sweep: usize, number: usize| {
+            let x = f64::from(number as u32) / 200.0 - 1.0;
+            let value = 1e-3 * (16.0 * x.powi(5) - 20.0 * x.powi(3) + 5.0 * x) + sweep as f64;
+            let value = value + 1e-5 * libm::sin((number * 11 + sweep * 5) as f64);
+            BinValue { age_s: number as f64, temperature: 20.0 + 20.0 * x, value, difference: 0.0 }
+        };
+        let recordings: Vec<Vec<BinValue>> =
+            (0..count).map(|sweep| (0..400).map(|number| bin(sweep, number)).collect()).collect();
+        let series = Series { kind: SensorKind::Accelerometer, axis: 0, range: [0.0, 40.0], recordings };
+        let scatters = [series.scatter().unwrap()];
+        let sweeps = series.whole();
+        choose(&[series], &scatters, &sweeps, None, None)
+    }
+
+    #[test]
+    fn sweeps_are_left_out_in_groups_where_there_are_many() {
+        for count in [2, GROUPS, GROUPS + 1, 5 * GROUPS] {
+            let choice = of_sweeps(count);
+            assert_eq!([choice.order, choice.sweeps_left_out], [5, count]);
+            let errors: Vec<f64> = choice.tried.iter().map(|tried| tried.errors[0]).collect();
+            // Neighbouring values of the noise are different, and a narrow bin has two.
+            assert!(errors[3] > 5e-4 && errors[5] < 2e-5, "{count}: {errors:?}");
+        }
+        assert!(of_sweeps(1).tried.iter().all(|tried| tried.errors.is_empty()));
+    }
 }
