@@ -264,6 +264,8 @@ impl Intake {
             // Before the first sample another rate is refused, and nothing is sent.
             if self.goes_on() || self.ends || !self.timeline.is_other_rate() {
                 self.hand_out_one(placed, &row, sink);
+            } else {
+                self.tally.other_rate += 1;
             }
             self.spare.push(row);
         }

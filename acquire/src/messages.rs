@@ -153,3 +153,65 @@ impl Description {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message_queue::DeviceMessage;
+
+    const INTERVAL: u64 = 2_500_000;
+    const BEGIN: u64 = 1_000_000_000_000;
+
+    fn settings() -> MessageSettings {
+        MessageSettings {
+            imu: "imu-a".parse().unwrap(),
+            serial: None,
+            interval_ns: INTERVAL,
+            resolution: Resolution::default(),
+            stamps: MessageStamps::Sample,
+            has_gyroscopes: true,
+            temperature: Some(25.0),
+        }
+    }
+
+    /// The samples of messages that come at these times with these stamps, and how many sessions they have.
+    fn samples(messages: impl Iterator<Item = [u64; 2]>) -> (Vec<RawSample>, u64) {
+        let queue = MessageQueue::default();
+        let description = Description::of_messages(settings(), &queue);
+        let source = Messages::new(&queue, MessageStamps::Sample);
+        let mut intake = Intake::new(&description, 0.0, true);
+        let mut samples = Vec::new();
+        for [arrived_ns, stamp_ns] in messages {
+            let message = DeviceMessage {
+                arrived_ns,
+                stamp_ns,
+                specific_force: [0.0, 0.0, 9.8],
+                angular_rate: [0.0; AXES],
+                temperature: None,
+            };
+            assert!(queue.push(message));
+            source.read(&mut intake, &mut |raw, _| samples.push(raw));
+        }
+        intake.settle(&mut |raw, _| samples.push(raw));
+        (samples, intake.tally.sessions)
+    }
+
+    #[test]
+    fn messages_that_have_waited_and_come_together_are_samples_of_one_session() {
+        // All at once after a time, a group at a time, or only the first ones.
+        for (first, group) in [(3, 400), (88, 400), (200, 400), (400, 400), (400, 88), (0, 40)] {
+            let messages = (0..400).map(|number| {
+                let arrived = match number < first {
+                    true => BEGIN + first * INTERVAL + number * 2_000 + number / group * 500_000,
+                    false => BEGIN + (number / group + 1) * group * INTERVAL + number,
+                };
+                [arrived, BEGIN + number * INTERVAL]
+            });
+            let (samples, sessions) = samples(messages);
+            assert_eq!((samples.len(), sessions), (400, 1), "{first}, {group}");
+            for (number, sample) in (0..).zip(&samples) {
+                assert_eq!([sample.sequence, sample.timestamp_ns], [number, BEGIN + number * INTERVAL]);
+            }
+        }
+    }
+}

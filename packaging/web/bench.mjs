@@ -75,21 +75,30 @@ function floats_of(fields) {
   });
 }
 
-/** The same of a recording in CSV. */
+/** A recording in CSV, in which each row is parted into as many as it needs to have so many bytes. */
 function long_csv(name, bytes) {
-  const [head, ...rows] = readFileSync("calibration/fit/tests/data/consumer/thermal-run.csv", "utf8").trim().split("\n");
+  const [head, ...lines] = readFileSync("calibration/fit/tests/data/consumer/thermal-run.csv", "utf8").trim().split("\n");
   const path = join(scratch, name);
   const file = openSync(path, "w");
   writeSync(file, `${head}\n`);
-  const cells = rows.map((row) => row.split(","));
-  const period = BigInt(cells.at(-1)[1]);
-  for (let n = 0n, size = 0; size < bytes; n += 1n) {
-    const block = cells.map(([sequence, time, interval, temperature_time, ...rest]) => {
-      const later = [BigInt(sequence) + n * BigInt(cells.length), BigInt(time) + n * period, interval, BigInt(temperature_time) + n * period];
-      return [...later, ...rest].join(",");
-    });
-    size += writeSync(file, `${block.join("\n")}\n`);
-  }
+  const is_count = head.split(",").map((column) => /_(positive|negative)$/.test(column));
+  const rows = lines.map((line) => line.split(",").map(Number));
+  const size = lines.reduce((sum, line) => sum + line.length + 1, 0);
+  const copies = Math.ceil(bytes / size);
+  let sequence = 0;
+  let now = 1_000_000_000;
+  rows.forEach((row, n) => {
+    const interval = Math.round(row[2] / copies);
+    const values = row.slice(4).map((value, k) => (is_count[k + 4] ? Math.round(value / copies) : value));
+    const next = rows[n + 1] ?? row;
+    let text = "";
+    for (let copy = 0; copy < copies; copy += 1, sequence += 1) {
+      now += interval;
+      const at = (value, k) => (is_count[k + 4] ? value : (value + ((next[k + 4] - value) * copy) / copies).toFixed(4));
+      text += `${sequence},${now},${interval},${now},${values.map(at).join(",")}\n`;
+    }
+    writeSync(file, text);
+  });
   closeSync(file);
   return path;
 }

@@ -1,6 +1,6 @@
 """Latency and processor time of the node of ROS 2, beside a bare pair of ros2-client and rclpy to rclpy, in turn.
 
-    ISOTHERM_BUILT=target/release target/ros2/venv/bin/python ros2/bench/latency.py [--rates 400,2000] [--seconds 5]
+    ISOTHERM_BUILT=target/release target/ros2/kilted/bin/python ros2/bench/latency.py [--rates 400,2000] [--seconds 5]
 
 The folder has isotherm, isotherm-ros2 and examples/bare. Latencies are in us: from the stamp of a message, when its
 driver published it, to the callback of the last subscriber; and from publishing the message that it gets.

@@ -54,12 +54,13 @@ class Running:
         self.new.put(None)
 
     def wait_until(self, holds, what):
-        """Waits until `holds()` is true, which is looked at after each line."""
+        """Waits until `holds()` is true, which is looked at after each line. `what` may be a function."""
         deadline = time.monotonic() + LIMIT
         while not holds():
             left = deadline - time.monotonic()
             if left <= 0 or self.process.poll() is not None and self.new.empty():
                 shown = "\n".join(line[:200] for line in self.lines[-10:])
+                what = what() if callable(what) else what
                 pytest.fail(f"{self.name}: {what} did not come ({self.process.poll()}):\n{shown}")
             try:
                 self.new.get(timeout=min(left, 0.5))
@@ -73,7 +74,8 @@ class Running:
         return [json.loads(line) for line in list(self.lines) if line.startswith("{")]
 
     def wait_for_messages(self, count):
-        self.wait_until(lambda: sum(line.startswith("{") for line in list(self.lines)) >= count, f"{count} messages")
+        come = lambda: sum(line.startswith("{") for line in list(self.lines))  # noqa: E731
+        self.wait_until(lambda: come() >= count, lambda: f"{count} messages, of which {come()} came,")
         return self.messages()
 
     def send(self, message):

@@ -1,9 +1,9 @@
 //! A bare pair of ros2-client, for the bench: `bare publish RATE COUNT` and `bare subscribe COUNT`, which prints the
 //! latencies from publishing to receiving [us] as JSON; and `bare count TOPIC...`, which prints once a second how many
-//! messages each topic has had.
+//! messages each topic has had. `bare feed SECONDS IMU=RATE...` is an acquisition of several IMUs.
 #![allow(clippy::expect_used, clippy::print_stdout, reason = "a program of a bench")]
 
-use isotherm_client::UnixOffset;
+use isotherm_client::{Acquisition, ImuId, Options, UnixOffset, monotonic_ns};
 use isotherm_ros2::{IMU, SensorImu};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use ros2_client::qos::{History, QosProfile, WhenFull};
@@ -17,12 +17,15 @@ use std::time::{Duration, Instant};
 const TOPIC: &str = "/bare/imu/data_raw";
 
 fn unix_ns() -> i64 {
-    UnixOffset::measure().unix_ns(isotherm_client::monotonic_ns())
+    UnixOffset::measure().unix_ns(monotonic_ns())
 }
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<f64>().ok()).expect("a number");
+    if arguments.first().is_some_and(|word| word == "feed") {
+        return feed(number(1), &arguments[2..]);
+    }
     let is_publisher = arguments.first().is_some_and(|word| word == "publish");
     let domain = std::env::var("ROS_DOMAIN_ID").ok().and_then(|text| text.parse().ok()).expect("ROS_DOMAIN_ID");
     let participant = DomainParticipantBuilder::new(domain).with_only_networks([Ipv4Addr::LOCALHOST]).build();
@@ -85,4 +88,44 @@ fn count(node: &mut Node, topics: &[String], qos: &QosProfile) {
             counts.iter().map(|(name, count)| format!("{name:?}: {}", count.load(Ordering::Relaxed))).collect();
         println!("{{{}}}", shown.join(", "));
     }
+}
+
+/// Sends samples of IMUs at their rates, each in a thread of its own, and takes the increments.
+fn feed(seconds: f64, imus: &[String]) {
+    let feeding: Vec<_> = imus
+        .iter()
+        .map(|word| {
+            let (imu, rate) = word.split_once('=').expect("IMU=RATE");
+            let (imu, rate): (ImuId, f64) = (imu.parse().expect("an IMU"), rate.parse().expect("a rate"));
+            std::thread::spawn(move || feed_one(&imu, (1e9 / rate) as u64, (seconds * rate) as u64))
+        })
+        .collect();
+    feeding.into_iter().for_each(|feeding| feeding.join().expect("every sample sent"));
+}
+
+fn feed_one(imu: &ImuId, interval_ns: u64, periods: u64) {
+    let options = Options::from_environment().expect("a domain");
+    let mut acquisition = Acquisition::connect(imu, &options).expect("the service");
+    let begin_ns = monotonic_ns();
+    let sleep_until = |ns: u64| std::thread::sleep(Duration::from_nanos(ns.saturating_sub(monotonic_ns())));
+    for period in 1..=periods {
+        let end_ns = begin_ns + period * interval_ns;
+        sleep_until(end_ns);
+        // A service that is late gets the period later.
+        while acquisition.is_full() {
+            sleep_until(monotonic_ns() + interval_ns);
+            while acquisition.receive().expect("the service").is_some() {}
+        }
+        let mut sample = acquisition.loan().expect("a sample");
+        (sample.timestamp_ns, sample.telemetry_ns, sample.interval_ns) = (end_ns, end_ns, interval_ns);
+        let triad = &mut sample.accelerometers;
+        (triad.positive_pulses, triad.head_temperature, triad.board_temperature) = ([100; 3], [1.1; 3], [1.2; 3]);
+        acquisition.send(sample).expect("room");
+        while acquisition.receive().expect("the service").is_some() {}
+    }
+    while acquisition.in_flight() > 0 {
+        sleep_until(monotonic_ns() + interval_ns);
+        while acquisition.receive().expect("the service").is_some() {}
+    }
+    acquisition.close();
 }
