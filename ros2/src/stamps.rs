@@ -13,7 +13,7 @@
 
 use isotherm_client::UnixOffset;
 
-/// A stamp of `CLOCK_MONOTONIC` is within this time of its arrival \[ns\].
+/// A stamp of `CLOCK_MONOTONIC` is within this time of its arrival, and another clock is set by more than this \[ns\].
 const NEAR_NS: i64 = 1_000_000_000;
 /// The smallest delay is that of one to two of these times \[ns\].
 const WINDOW_NS: u64 = 30_000_000_000;
@@ -30,6 +30,8 @@ pub(crate) struct SmallestDelay {
     /// What is added to stamps now, and the stamp that it was added to last \[ns\].
     offset_ns: i64,
     stamp_ns: u64,
+    /// The last delay \[ns\].
+    delay_ns: i64,
     /// When the present window began \[ns\].
     since_ns: u64,
     /// By how much delays are over the smallest, in the mean \[ns\].
@@ -40,12 +42,17 @@ impl SmallestDelay {
     /// Of the first stamp.
     pub(crate) fn new(stamp_ns: u64, arrived_ns: u64) -> Self {
         let delay_ns = delay_ns(stamp_ns, arrived_ns);
-        Self { least: [delay_ns, i64::MAX], offset_ns: delay_ns, stamp_ns, since_ns: arrived_ns, scatter_ns: 0.0 }
+        let (least, since_ns) = ([delay_ns, i64::MAX], arrived_ns);
+        Self { least, offset_ns: delay_ns, stamp_ns, delay_ns, since_ns, scatter_ns: 0.0 }
     }
 
     /// Where a stamp lies on the clock of the arrivals \[ns\].
     pub(crate) fn place(&mut self, stamp_ns: u64, arrived_ns: u64) -> i128 {
         let delay_ns = delay_ns(stamp_ns, arrived_ns);
+        if core::mem::replace(&mut self.delay_ns, delay_ns).saturating_sub(delay_ns) > NEAR_NS {
+            // The clock was set forward.
+            *self = Self::new(stamp_ns, arrived_ns);
+        }
         if arrived_ns.saturating_sub(self.since_ns) > WINDOW_NS {
             (self.least, self.since_ns) = ([delay_ns, self.least[0]], arrived_ns);
         }
@@ -229,6 +236,15 @@ mod tests {
         assert!(distances.clone().all(|ns| (2_250_000..=2_500_000).contains(&ns)));
         assert_eq!(distances.last(), Some(2_500_000));
         assert_eq!(placed.last(), Some(&i128::from(3_999 * 5 * MS / 2 + MS)));
+    }
+
+    #[test]
+    fn a_clock_that_is_set_forward_goes_on() {
+        let mut delay = SmallestDelay::new(0, MS);
+        assert_eq!(delay.place(10 * MS, 11 * MS), i128::from(11 * MS));
+        let set = 3_600_000 * MS;
+        assert_eq!(delay.place(set + 20 * MS, 21 * MS), i128::from(21 * MS));
+        assert_eq!(delay.place(set + 30 * MS, 33 * MS), i128::from(31 * MS));
     }
 
     #[test]
