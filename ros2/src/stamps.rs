@@ -232,9 +232,9 @@ mod tests {
                 delay.place(stamp, if period < 100 { 250 * MS + period } else { stamp + MS })
             })
             .collect();
-        let distances = placed.windows(2).map(|pair| pair[1] - pair[0]);
-        assert!(distances.clone().all(|ns| (2_250_000..=2_500_000).contains(&ns)));
-        assert_eq!(distances.last(), Some(2_500_000));
+        let distances: Vec<i128> = placed.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(distances.iter().all(|ns| (2_250_000..=2_500_000).contains(ns)));
+        assert_eq!(distances.last(), Some(&2_500_000));
         assert_eq!(placed.last(), Some(&i128::from(3_999 * 5 * MS / 2 + MS)));
     }
 
