@@ -96,7 +96,9 @@ class Running:
 
 def fast_dds_objects():
     """Names of segments and ports of Fast DDS in shared memory, which stay behind when a peer is killed."""
-    return {name.removesuffix("_el") for name in glob.glob("/dev/shm/fastdds_*")}
+    # Up to Jazzy their names begin with fastrtps.
+    names = glob.glob("/dev/shm/fastdds_*") + glob.glob("/dev/shm/fastrtps_*")
+    return {name.removesuffix("_el") for name in names}
 
 
 def remove_if_unused(name):

@@ -2,8 +2,10 @@
 
 use isotherm_client::{RawReader, RawSample};
 use isotherm_tests::{Process, RUN, TIMEOUT, TestDomain, id, recording, text};
+use parquet::file::reader::{FileReader, SerializedFileReader};
 use rustix::process::Signal;
-use std::fs;
+use std::fs::{self, File};
+use std::path::Path;
 use std::time::Instant;
 
 const FILES: [&str; 3] = ["r.csv", "r.parquet", "r.mcap"];
@@ -42,6 +44,15 @@ fn recorded(domain: &TestDomain) {
     service.terminate();
 }
 
+/// The middle of a column of a Parquet file: of one that every command reads, which the middle of the file need not be.
+fn place_in_column(path: &Path, name: &str) -> usize {
+    let file = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
+    let columns = file.metadata().row_group(0).columns();
+    let column = columns.iter().find(|column| column.column_path().string() == name).unwrap();
+    let (begin, length) = column.byte_range();
+    (begin + length / 2) as usize
+}
+
 /// The place of a text in bytes, after `skip` others.
 fn place_of(bytes: &[u8], text: &[u8], skip: usize) -> usize {
     let places = (0..bytes.len() - text.len()).filter(|place| bytes[*place..].starts_with(text));
@@ -69,6 +80,7 @@ fn a_flipped_bit_is_a_fault_with_its_place_and_repair_takes_the_rest() {
         let place = match file {
             // Within the third chunk, in its records.
             "r.mcap" => place_of(&bytes, b"\x28\xb5\x2f\xfd", 2) + 100,
+            "r.parquet" => place_in_column(&domain.path(file), "a3_head"),
             _ => bytes.len() / 2,
         };
         bytes[place] ^= 4;

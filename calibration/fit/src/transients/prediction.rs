@@ -18,7 +18,7 @@ const LAG_AND_HYSTERESIS: [Column; 5] =
 const LAG: [Column; 3] = [Column::Constant, Column::Curve, Column::Transient];
 
 /// Groups of what is left out, at most.
-const GROUPS: usize = 48;
+const GROUPS: usize = 100;
 
 /// Sums of squares of the four models.
 #[derive(Clone, Default)]
