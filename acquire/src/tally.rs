@@ -106,8 +106,8 @@ pub struct Tally {
     pub samples: u64,
     /// Samples of a device whose status is not healthy: their temperature is NaN.
     pub unhealthy: u64,
-    /// Samples that are invalid since the device's rate is another one: their temperature is NaN. Before the IMU's first
-    /// sample, frames that are not used while the rate seems to be another one.
+    /// Samples that are invalid since the device's rate is another one: their temperature is NaN. Before the IMU's
+    /// first sample, frames that are not used while the rate seems to be another one.
     pub other_rate: u64,
     /// Times that another rate than the described one was taken for the device's.
     pub adopted: u64,

@@ -18,8 +18,9 @@
 //! 3. `search`: tau is where the sum over the biases of n log(SSE/n) is least. A quarter of a sweep is left out at a
 //!    time for the standard errors of log tau and t (jackknife): the residuals are correlated, so no F test holds. The
 //!    stated error of t is that with the time constant of each replicate, and by halves of a sweep where it is larger.
-//! 4. `prediction`: one sweep is left out at a time, and predicted by each model. Where there are over a hundred sweeps,
-//!    some are left out together, here and in 3, so that the time rises with their number and not with its square.
+//! 4. `prediction`: one sweep is left out at a time, and predicted by each model. Where there are over a hundred
+//!    sweeps, some are left out together, here and in 3, so that the time rises with their number and not with its
+//!    square.
 //! 5. `decision`: what may be written, and why.
 //! 6. `sweeps`: the band between the sweeps, each fitted separately, with what is written: the error of the curve.
 //!    `steps`: what a bump leaves.

@@ -7,9 +7,9 @@ use isotherm_support::checkpoint::checkpoint;
 
 /// Time constants of the search in a factor of 2.
 const PER_OCTAVE: f64 = 6.0;
-/// Parts of the data that are left out one at a time, at most: those of a hundred sweeps. Where there are more, neighbours
-/// are left out together. With quarters in pairs, 93 % of the transients of 100 simulated devices were within two of
-/// their errors, and 97 % with quarters.
+/// Parts of the data that are left out one at a time, at most: those of a hundred sweeps. Where there are more,
+/// neighbours are left out together. With quarters in pairs, 93 % of the transients of 100 simulated devices were
+/// within two of their errors, and 97 % with quarters.
 const REPLICATES: usize = 400;
 
 /// The equations of every time constant of the grid, bias, sweep and piece.

@@ -64,6 +64,7 @@ struct Outcome {
     /// How often the fault happened.
     faults: u32,
     end: End,
+    log: String,
 }
 
 /// Runs the service with a fault, and asks it to end.
@@ -123,7 +124,7 @@ fn attempt(case: &Case) -> Outcome {
     traced.signal(Signal::SIGTERM);
     let end = traced.end(TIMEOUT).unwrap_or_else(|| panic!("{case:?}: SIGTERM is not obeyed:\n{}", traced.log()));
     let gap = ready.map(|ready| supervisor.largest_gap(ready, asked));
-    Outcome { gap, stops_after: asked.elapsed(), faults: faults.load(Ordering::Relaxed), end }
+    Outcome { gap, stops_after: asked.elapsed(), faults: faults.load(Ordering::Relaxed), end, log: traced.log() }
 }
 
 /// Tries these cases, and prints the figures of each. Returns the longest time without a feed of the watchdog.
@@ -158,7 +159,7 @@ fn try_cases(cases: &[Case]) -> Duration {
                 [End::Exited(0), End::Exited(74), End::Killed(Signal::SIGTERM)].contains(&outcome.end)
             }
         };
-        assert!(ends_well, "{case:?}: {:?}", outcome.end);
+        assert!(ends_well, "{case:?}: {:?}\n{}", outcome.end, outcome.log);
     }
     outcomes.iter().filter_map(|outcome| outcome.gap).max().unwrap_or_default()
 }
