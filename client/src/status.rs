@@ -21,6 +21,9 @@ use std::{io, thread};
 const STATUS_LIMIT: Duration = Duration::from_secs(2);
 /// Pause between two polls.
 const PAUSE: Duration = Duration::from_millis(2);
+/// Polls for a status, at least, however long they take: a machine that stood still for a while has run neither this
+/// process nor the service.
+const LEAST_POLLS: u32 = 250;
 /// Time between two looks whether clients have room, at least.
 const NOTE_INTERVAL: Duration = Duration::from_millis(500);
 
@@ -63,6 +66,24 @@ impl StatusNote {
     }
 }
 
+/// The polls for a status.
+struct Polls {
+    deadline: Instant,
+    count: u32,
+}
+
+impl Polls {
+    fn until(deadline: Instant) -> Self {
+        Self { deadline, count: 0 }
+    }
+
+    /// Whether there is time for another one.
+    fn goes_on(&mut self) -> bool {
+        self.count += 1;
+        self.count <= LEAST_POLLS || Instant::now() < self.deadline
+    }
+}
+
 fn note(domain: &Domain) -> Note {
     Note::new(domain, "status.json")
 }
@@ -70,8 +91,8 @@ fn note(domain: &Domain) -> Note {
 /// Waits for a status that the service writes into the domain's folder after the time `called_ns`. `None` if none
 /// comes, or shared memory has room.
 fn noted(domain: &Domain, called_ns: u64) -> Option<ServiceStatus> {
-    let deadline = Instant::now() + STATUS_LIMIT;
-    while lacks_room() && Instant::now() < deadline {
+    let mut polls = Polls::until(Instant::now() + STATUS_LIMIT);
+    while lacks_room() && polls.goes_on() {
         let status = note(domain).read().and_then(|text| serde_json::from_slice::<ServiceStatus>(&text).ok());
         // One of the time before the machine was started anew may lie in the future.
         if status.as_ref().is_some_and(|status| (called_ns..=monotonic_ns()).contains(&status.taken_ns)) {
@@ -204,10 +225,10 @@ impl StatusReader {
 /// ```
 ///
 /// # Errors
-/// If no service answers within two seconds. The time-out of `options` is not used.
+/// If no service answers within two seconds in which this process is run. The time-out of `options` is not used.
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
     let called_ns = monotonic_ns();
-    let deadline = Instant::now() + STATUS_LIMIT;
+    let mut polls = Polls::until(Instant::now() + STATUS_LIMIT);
     let reader = loop {
         match StatusReader::connect(&options.domain) {
             Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
@@ -215,11 +236,11 @@ pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
                 return noted(&options.domain, called_ns).ok_or_else(exhausted);
             }
             // What another member of the domain's group has just made is not open to the group yet.
-            Err(StatusError::Transport { .. }) if Instant::now() < deadline => thread::sleep(PAUSE),
+            Err(StatusError::Transport { .. }) if polls.goes_on() => thread::sleep(PAUSE),
             reader => break reader?,
         }
     };
-    while Instant::now() < deadline {
+    while polls.goes_on() {
         match reader.latest()? {
             Some(status) if status.taken_ns >= called_ns => return Ok(status),
             _ => thread::sleep(PAUSE),
@@ -233,4 +254,18 @@ pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
 
 fn absent(domain: &Domain) -> StatusError {
     ConnectError::NoService(domain.name().to_owned()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_that_was_not_run_until_the_limit_was_over_polls_all_the_same() {
+        let mut polls = Polls::until(Instant::now());
+        let count = core::iter::from_fn(|| polls.goes_on().then_some(())).count();
+        assert_eq!(count, LEAST_POLLS as usize);
+        let mut polls = Polls::until(Instant::now() + Duration::from_secs(3600));
+        assert!((0..2 * LEAST_POLLS).all(|_| polls.goes_on()));
+    }
 }

@@ -78,7 +78,7 @@ int main(int words_count, char **words)
     CHECK(isotherm_merge(acquisition, first, first) == ISOTHERM_ERROR_MERGE);
     CHECK(isotherm_discard(acquisition, second) == ISOTHERM_ERROR_NOT_ON_LOAN && counted == before);
     while (isotherm_in_flight(acquisition) > 0)
-        CHECK(isotherm_receive_timeout(acquisition, 1000000000, &increment) == ISOTHERM_OK);
+        CHECK(isotherm_receive_timeout(acquisition, 20000000000ull, &increment) == ISOTHERM_OK);
     CHECK(isotherm_acquisition_close(acquisition) == ISOTHERM_LOST && isotherm_reader_close(reader) == ISOTHERM_OK);
     return 0;
 }
