@@ -38,7 +38,7 @@ pub use gate::exercised::DRIVEN;
 pub use gate::exercised::{ExercisedChannels, undriven};
 pub use gate::{GATE_FLOOR, Gate, GateRefusal};
 pub use magnitudes::{Magnitude, Magnitudes, MagnitudesError, TableCoverage};
-pub use occupancy::Occupancy;
+pub use occupancy::{Bins, Occupancy};
 pub use requirement::{Judgement, Requirement};
 pub use stability::Window;
 pub use stability::{

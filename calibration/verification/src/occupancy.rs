@@ -25,35 +25,50 @@ pub(crate) const MOST_UNTOUCHED: f64 = 0.1;
 pub struct Occupancy {
     /// Lowest and highest temperature of the curve.
     pub range: [f64; 2],
-    /// A bit for each bin.
-    bits: u64,
+    touched: Bins,
+}
+
+/// Bins of a range, a bit for each.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Bins(u64);
+
+impl Bins {
+    /// These and others of the same range.
+    #[must_use]
+    pub(crate) const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
 }
 
 impl Occupancy {
     /// Of a curve with this range, and rows whose temperature covers these spans, lowest and highest.
     #[must_use]
     pub fn of(range: [f64; 2], spans: impl IntoIterator<Item = [f64; 2]>) -> Self {
-        let mut found = Self { range, bits: 0 };
+        let mut found = Self { range, touched: Bins::default() };
         let [low, high] = range;
         for [from, to] in spans.into_iter().filter(|[from, to]| from <= to && *to >= low && *from <= high) {
             let [first, last] = [from, to].map(|end| found.bin(end.clamp(low, high)));
-            (first..=last).for_each(|bin| found.bits |= 1 << bin);
+            (first..=last).for_each(|bin| found.touched.0 |= 1 << bin);
         }
         found
     }
 
-    /// Adds the temperature of a row; outside the range, or not a number, it touches nothing.
-    pub(crate) fn touch(&mut self, temperature: f64) {
+    /// The bin that the temperature of a row touches; outside the range, or not a number, it touches none.
+    pub(crate) fn touched_by(&self, temperature: f64) -> Bins {
         let [low, high] = self.range;
-        if (low..=high).contains(&temperature) {
-            self.bits |= 1 << self.bin(temperature);
-        }
+        if (low..=high).contains(&temperature) { Bins(1 << self.bin(temperature)) } else { Bins::default() }
+    }
+
+    /// Together with these bins.
+    #[must_use]
+    pub(crate) const fn with(self, bins: Bins) -> Self {
+        Self { touched: self.touched.and(bins), ..self }
     }
 
     /// Together with what others touch of the same range.
     #[must_use]
     pub(crate) const fn and(self, other: Self) -> Self {
-        Self { bits: self.bits | other.bits, ..self }
+        self.with(other.touched)
     }
 
     fn bin(&self, temperature: f64) -> usize {
@@ -63,7 +78,7 @@ impl Occupancy {
 
     /// Which bins are touched, or lie between two that are.
     fn bins(&self) -> [bool; BINS] {
-        let mut touched = core::array::from_fn(|bin| self.bits >> bin & 1 == 1);
+        let mut touched = core::array::from_fn(|bin| self.touched.0 >> bin & 1 == 1);
         let all: Vec<usize> = (0..BINS).filter(|bin| touched[*bin]).collect();
         for pair in all.windows(2).filter(|pair| pair[1] - pair[0] <= BRIDGED + 1) {
             touched[pair[0]..pair[1]].fill(true);
@@ -117,10 +132,10 @@ mod tests {
         assert_eq!(of(&[[0.0, 60.0]]).part(), 1.0);
         // Beyond the range, or without a number.
         assert_eq!(of(&[[0.0, 9.0], [51.0, 60.0], [f64::NAN, f64::NAN]]).part(), 0.0);
-        let mut rows = of(&[]);
-        [9.9, 50.1, f64::NAN].into_iter().for_each(|outside| rows.touch(outside));
-        assert_eq!(rows, of(&[]));
-        [10.0, 50.0].into_iter().for_each(|end| rows.touch(end));
+        let nothing = of(&[]);
+        let rows = |at: &[f64]| at.iter().fold(nothing, |rows, at| rows.with(nothing.touched_by(*at)));
+        assert_eq!(rows(&[9.9, 50.1, f64::NAN]), nothing);
+        let rows = rows(&[10.0, 50.0]);
         assert_eq!((rows.part(), rows.largest_hole()), (2.0 / 40.0, Some([11.0, 49.0])));
     }
 

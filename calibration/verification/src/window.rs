@@ -1,6 +1,6 @@
 //! Means over the windows of a recording at rest: what stability and verdict are computed from.
 
-use crate::occupancy::Occupancy;
+use crate::occupancy::Bins;
 use isotherm_shared::wire::AXES;
 use serde::{Deserialize, Serialize};
 
@@ -24,8 +24,8 @@ pub struct Window {
     pub board: [f64; AXES],
     /// Lowest and highest temperature of a row: head and board, by axis.
     pub temperature: [[[f64; 2]; 2]; AXES],
-    /// What of the table's ranges the rows touch: that of the bias, and that of K+ and K-, by axis.
-    pub occupancy: [[Occupancy; 2]; AXES],
+    /// Which bins of the table's ranges the rows touch: of that of the bias, and of that of K+ and K-, by axis.
+    pub touched: [[Bins; 2]; AXES],
     /// Whether a sample had any flag of the triad other than stale temperature and another unit.
     pub flagged: bool,
     /// Whether the window counts for the stability: it is at the attitude.

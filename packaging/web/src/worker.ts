@@ -46,7 +46,7 @@ class Chosen extends Written {
 }
 
 class OpenChosen extends OpenFile {
-  private piece = new Uint8Array();
+  private piece = new Uint8Array<ArrayBuffer>();
   private start = 0;
 
   constructor(override readonly file: Chosen) {
@@ -56,6 +56,8 @@ class OpenChosen extends OpenFile {
   override fd_pread(size: number, offset: bigint): { ret: number; data: Uint8Array } {
     const from = Number(offset);
     if (from < this.start || from >= this.start + this.piece.length) {
+      // Memory of the piece before is free at once, and not when the browser gets round to it.
+      this.piece.buffer.transfer?.(0);
       try {
         this.piece = new Uint8Array(reader.readAsArrayBuffer(this.file.chosen.slice(from, from + PIECE)));
       } catch {

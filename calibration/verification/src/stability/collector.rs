@@ -3,7 +3,7 @@
 //! Over 400 lines: one pass over the samples, from sums to figures.
 
 use super::error::OTHER_ATTITUDE;
-use crate::occupancy::Occupancy;
+use crate::occupancy::{Bins, Occupancy};
 use crate::stability::coverage::{Coverage, untouched};
 use crate::stability::error::{Force, StabilityError};
 use crate::stability::figures::{figures, median};
@@ -28,7 +28,7 @@ const HARMLESS: Flags = Flags(Flags::TELEMETRY_STALE.0 | Flags::OTHER_DEVICE.0);
 /// The flags that only a gyroscope can cause.
 const OF_GYROSCOPES: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
 
-/// Sums over the samples of one window.
+/// Sums over the samples of one window, those of the triads aside.
 #[derive(Clone, Copy, Debug, Default)]
 struct WindowSums {
     begin_s: f64,
@@ -38,47 +38,65 @@ struct WindowSums {
     part_seconds: f64,
     /// Whether the lagged temperature has not forgotten yet how it began.
     unsettled: bool,
-    accelerometers: TriadSums,
-    gyroscopes: TriadSums,
     /// Sums of the intervals and of the timestamps' steps, of samples with consecutive sequences \[s\].
     steps: [f64; 2],
 }
 
-/// The part of one triad.
-#[derive(Clone, Copy, Debug, Default)]
+/// The sums of one triad.
+#[derive(Clone, Copy, Debug)]
 struct TriadSums {
     positive: [f64; AXES],
     negative: [f64; AXES],
     head: [f64; AXES],
     board: [f64; AXES],
-    /// Lowest and highest temperature: head and board, by axis.
-    temperature: Option<[[[f64; 2]; 2]; AXES]>,
-    /// What of the table's ranges the rows touch; as `temperature`.
-    occupancy: Option<[[Occupancy; 2]; AXES]>,
+    /// Lowest and highest temperature: head and board, by axis; NaN before the first number.
+    temperature: [[[f64; 2]; 2]; AXES],
+    /// Which bins of the table's ranges the rows touch; as `temperature`.
+    touched: [[Bins; 2]; AXES],
     /// Increments of the full model \[m/s or rad\].
     increment: [f64; AXES],
     /// Increments of the static model.
     static_increment: [f64; AXES],
     /// Increments of the full model since the last complete part.
     part: [f64; AXES],
-    /// Lowest and highest mean of the complete parts.
-    parts: Option<[[f64; 2]; AXES]>,
+    /// Lowest and highest mean of the complete parts; NaN before the first number.
+    parts: [[f64; 2]; AXES],
     flagged: bool,
+}
+
+impl Default for TriadSums {
+    fn default() -> Self {
+        Self {
+            positive: [0.0; AXES],
+            negative: [0.0; AXES],
+            head: [0.0; AXES],
+            board: [0.0; AXES],
+            temperature: [[[f64::NAN; 2]; 2]; AXES],
+            touched: [[Bins::default(); 2]; AXES],
+            increment: [0.0; AXES],
+            static_increment: [0.0; AXES],
+            part: [0.0; AXES],
+            parts: [[f64::NAN; 2]; AXES],
+            flagged: false,
+        }
+    }
+}
+
+/// Widens a span by a value; NaN widens nothing.
+fn widen([low, high]: &mut [f64; 2], value: f64) {
+    (*low, *high) = (low.min(value), high.max(value));
 }
 
 impl TriadSums {
     fn end_part(&mut self, seconds: f64) {
         let means = core::mem::take(&mut self.part).map(|increment| increment / seconds);
-        let parts = self.parts.get_or_insert(means.map(|mean| [mean; 2]));
-        for ([low, high], mean) in parts.iter_mut().zip(means) {
-            (*low, *high) = (low.min(mean), high.max(mean));
-        }
+        self.parts.iter_mut().zip(means).for_each(|(span, mean)| widen(span, mean));
     }
 
     /// Largest difference of the means of the parts, in the base unit; `unit` is its size in that of the increments per
     /// second.
     fn spread(&self, unit: f64) -> [f64; AXES] {
-        self.parts.unwrap_or_default().map(|[low, high]| (high - low) / unit)
+        self.parts.map(|[low, high]| (high - low) / unit)
     }
 
     fn add(
@@ -100,17 +118,17 @@ impl TriadSums {
             self.part[axis] += increment;
         }
         let rows = [0, 1, 2].map(|axis| [triad.head_temperature[axis], triad.board_temperature[axis]]);
-        let temperature = self.temperature.get_or_insert(rows.map(|row| row.map(|value| [value; 2])));
-        for ([low, high], value) in temperature.as_flattened_mut().iter_mut().zip(rows.as_flattened()) {
-            (*low, *high) = (low.min(*value), high.max(*value));
+        let spans = self.temperature.as_flattened_mut().iter_mut().zip(self.touched.as_flattened_mut());
+        for (((span, touched), range), value) in spans.zip(ranges.as_flattened()).zip(rows.as_flattened()) {
+            widen(span, *value);
+            *touched = touched.and(range.touched_by(*value));
         }
-        let occupancy = self.occupancy.get_or_insert(*ranges).as_flattened_mut().iter_mut();
-        occupancy.zip(rows.as_flattened()).for_each(|(occupancy, value)| occupancy.touch(*value));
         self.flagged |= flagged;
     }
 }
 
-/// Sums samples into windows; memory does not grow with the sampling rate.
+/// Sums samples into windows. Memory does not grow with the sampling rate: each window takes 60 bytes, and each triad
+/// in it 370.
 #[derive(Clone, Debug)]
 pub struct Collector<'a> {
     table: &'a CoefficientTable,
@@ -121,8 +139,10 @@ pub struct Collector<'a> {
     window_s: f64,
     /// Begin of the first sample; of a session whose clock begins anew as if it went on \[ns\].
     begin_ns: Option<i128>,
-    open: WindowSums,
+    open: (WindowSums, [TriadSums; 2]),
     windows: Vec<WindowSums>,
+    /// The triads of each window. Of gyroscopes, there are none if the table has none.
+    triads: [Vec<TriadSums>; 2],
     temperature: [[TemperatureStep; 2]; AXES],
     left_out: u64,
     other_device: u64,
@@ -159,12 +179,12 @@ impl TemperatureStep {
 
 /// Middle of the range of the windows' mean temperature: head and board, by axis. Flagged windows are used only if all
 /// are flagged, because one invalid reading would shift the middle.
-fn middle(windows: &[WindowSums], triad: fn(&WindowSums) -> &TriadSums) -> [[f64; 2]; AXES] {
-    let good = windows.iter().any(|window| !triad(window).flagged);
-    let used = || windows.iter().filter(move |window| !(good && triad(window).flagged));
+fn middle(windows: &[WindowSums], triads: &[TriadSums]) -> [[f64; 2]; AXES] {
+    let good = triads.iter().any(|triad| !triad.flagged);
+    let used = || windows.iter().zip(triads).filter(move |(_, triad)| !(good && triad.flagged));
     let of = |temperature: &dyn Fn(&TriadSums) -> f64| {
         let (low, high) = used()
-            .map(|window| temperature(triad(window)) / window.seconds)
+            .map(|(window, triad)| temperature(triad) / window.seconds)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(u), high.max(u)));
         0.5 * (low + high)
     };
@@ -185,8 +205,9 @@ impl<'a> Collector<'a> {
             ranges: [accelerometers, gyroscopes.map_or(accelerometers, |it| untouched(&it.axes))],
             window_s,
             begin_ns: None,
-            open: WindowSums::default(),
+            open: Default::default(),
             windows: Vec::new(),
+            triads: Default::default(),
             temperature,
             left_out: 0,
             other_device: 0,
@@ -213,7 +234,7 @@ impl<'a> Collector<'a> {
         }
         let seconds = raw.interval_ns as f64 / 1e9;
         let end_s = self.end_s(raw);
-        let open = &mut self.open;
+        let (open, [accelerometers, gyroscopes]) = &mut self.open;
         if open.seconds == 0.0 {
             open.begin_s = end_s - seconds;
         }
@@ -233,20 +254,14 @@ impl<'a> Collector<'a> {
         let CompensatedIncrement { velocity_increment, angle_increment, .. } = increment;
         let (velocity, angle) = (of_static.velocity_increment, of_static.angle_increment);
         let of_accelerometers = spoiled(Flags(!OF_GYROSCOPES.0));
-        open.accelerometers.add(
-            &raw.accelerometers,
-            seconds,
-            velocity_increment,
-            velocity,
-            of_accelerometers,
-            &self.ranges[0],
-        );
+        let [ranges, gyroscope_ranges] = &self.ranges;
+        accelerometers.add(&raw.accelerometers, seconds, velocity_increment, velocity, of_accelerometers, ranges);
         let of_gyroscopes = spoiled(OF_GYROSCOPES | Flags::LAG_UNKNOWN | Flags::INTERVAL_NOT_NOMINAL);
-        open.gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes, &self.ranges[1]);
+        gyroscopes.add(&raw.gyroscopes, seconds, angle_increment, angle, of_gyroscopes, gyroscope_ranges);
         if open.part_seconds + 0.5 * seconds >= self.window_s / PARTS {
             let seconds = core::mem::take(&mut open.part_seconds);
-            open.accelerometers.end_part(seconds);
-            open.gyroscopes.end_part(seconds);
+            accelerometers.end_part(seconds);
+            gyroscopes.end_part(seconds);
         }
         for axis in 0..AXES {
             self.temperature[axis][0].add(raw.accelerometers.head_temperature[axis]);
@@ -255,6 +270,11 @@ impl<'a> Collector<'a> {
         // The window ends with the sample that brings it nearest to its nominal length.
         if open.seconds + 0.5 * seconds >= self.window_s {
             self.windows.push(core::mem::take(open));
+            self.triads[0].push(core::mem::take(accelerometers));
+            let gyroscopes = core::mem::take(gyroscopes);
+            if self.table.content().gyroscopes.is_some() {
+                self.triads[1].push(gyroscopes);
+            }
         }
     }
 
@@ -265,7 +285,7 @@ impl<'a> Collector<'a> {
         if let Some((session, _, last_ns)) = self.last
             && session != raw.session
         {
-            self.open = WindowSums::default();
+            self.open = Default::default();
             *begin_ns -= (i128::from(last_ns) - starts_ns).max(0);
         }
         (i128::from(raw.timestamp_ns) - *begin_ns).max(0) as f64 / 1e9
@@ -310,9 +330,10 @@ impl<'a> Collector<'a> {
 
     /// Length of the output over gravity, of all samples, also of those in no complete window.
     fn length_ratio(&self, setup: &Setup) -> f64 {
-        let all = || self.windows.iter().chain([&self.open]);
-        let seconds: f64 = all().map(|sums| sums.seconds).sum();
-        let square = |axis: usize| all().map(|sums| sums.accelerometers.increment[axis]).sum::<f64>().powi(2);
+        let (open, [accelerometers, _]) = &self.open;
+        let seconds: f64 = self.windows.iter().chain([open]).map(|window| window.seconds).sum();
+        let all = || self.triads[0].iter().chain([accelerometers]);
+        let square = |axis: usize| all().map(|triad| triad.increment[axis]).sum::<f64>().powi(2);
         let gravity = setup.gravity.value().unwrap_or(self.table.content().gravity);
         (square(0) + square(1) + square(2)).sqrt() / seconds / gravity
     }
@@ -325,7 +346,7 @@ impl<'a> Collector<'a> {
     pub fn finish(self, setup: &Setup) -> Result<Stability, StabilityError> {
         let interval_ratio = self.checked(setup)?;
         let content = self.table.content();
-        let middle = middle(&self.windows, |sums| &sums.accelerometers);
+        let middle = middle(&self.windows, &self.triads[0]);
         let mut windows = self.accelerometers(middle)?;
         let known = setup.gravity.value().map(|gravity| gravity / content.gravity);
         let gravity = |output: [f64; AXES]| known.unwrap_or_else(|| output.iter().map(|f| f * f).sum::<f64>().sqrt());
@@ -345,7 +366,7 @@ impl<'a> Collector<'a> {
         let axes = figures(&counted, specific_force);
         let covered = Coverage::of(&windows, SensorKind::Accelerometer, &content.axes, &content.temperature_unit);
         let unsettled: Vec<_> = self.windows.iter().map(|sums| sums.unsettled).collect();
-        let static_output = self.static_output(|sums| &sums.accelerometers, content.gravity);
+        let static_output = self.static_output(&self.triads[0], content.gravity);
         let loops = Loops::of(&windows, static_output.as_deref(), &unsettled, specific_force, &content.axes);
         let soak_s = SOAK as f64 * self.table.lag_ns() as f64 / 1e9;
         Ok(Stability {
@@ -381,7 +402,7 @@ impl<'a> Collector<'a> {
             return Err(StabilityError::OtherDevice { samples: self.other_device, serial });
         }
         // A window without consecutive sequences has 0/0, which the median leaves out.
-        let windows = self.windows.iter().chain([&self.open]);
+        let windows = self.windows.iter().chain([&self.open.0]);
         let ratio = isotherm_statistics::median(windows.map(|sums| sums.steps[0] / sums.steps[1]));
         if let Some(fault) = self.continuity.interval() {
             return Err(StabilityError::Interval(fault));
@@ -397,11 +418,11 @@ impl<'a> Collector<'a> {
     fn accelerometers(&self, middle: [[f64; 2]; AXES]) -> Result<Vec<Window>, StabilityError> {
         let content = self.table.content();
         let frozen = FrozenCoefficients::new(&content.axes, content.alignment, middle);
-        let window = |sums: &WindowSums| {
-            let before = frozen.output(&sums.accelerometers, sums.seconds, [0.0; AXES]);
-            sums.window(&sums.accelerometers, before, content.gravity)
+        let window = |(sums, triad): (&WindowSums, &TriadSums)| {
+            let before = frozen.output(triad, sums.seconds, [0.0; AXES]);
+            sums.window(triad, before, content.gravity)
         };
-        let windows: Vec<_> = self.windows.iter().map(window).collect();
+        let windows: Vec<_> = self.windows.iter().zip(&self.triads[0]).map(window).collect();
         let no_number =
             |axis: &usize| median(&windows, *axis).is_nan() || windows.iter().all(|w| w.after[*axis].is_nan());
         match (0..AXES).find(no_number) {
@@ -414,7 +435,7 @@ impl<'a> Collector<'a> {
     fn mark(&self, windows: &mut [Window], stated: impl Fn([f64; AXES]) -> Option<[f64; AXES]>) -> LeftOut {
         let stated = stated([0, 1, 2].map(|axis| median(windows, axis)));
         let gravity = self.table.content().gravity;
-        let spreads: Vec<_> = self.windows.iter().map(|sums| sums.accelerometers.spread(gravity)).collect();
+        let spreads: Vec<_> = self.triads[0].iter().map(|triad| triad.spread(gravity)).collect();
         mark(windows, &spreads, &ACCELEROMETERS, |middle| {
             stated.is_none_or(|force| (0..AXES).all(|axis| (middle[axis] - force[axis]).abs() < OTHER_ATTITUDE))
         })
@@ -422,10 +443,11 @@ impl<'a> Collector<'a> {
 
     /// The outputs of the static model in all windows, if the table has a lag; `unit` is the size of the base unit in
     /// that of the increments per second.
-    fn static_output(&self, triad: fn(&WindowSums) -> &TriadSums, unit: f64) -> Option<Vec<[f64; AXES]>> {
+    fn static_output(&self, triads: &[TriadSums], unit: f64) -> Option<Vec<[f64; AXES]>> {
         self.static_table.as_ref()?;
-        let output = |sums: &WindowSums| triad(sums).static_increment.map(|sum| sum / sums.seconds / unit);
-        Some(self.windows.iter().map(output).collect())
+        let output =
+            |(window, triad): (&WindowSums, &TriadSums)| triad.static_increment.map(|sum| sum / window.seconds / unit);
+        Some(self.windows.iter().zip(triads).map(output).collect())
     }
 
     /// The gyroscopes, or why they are not judged; `None` if there are none. `windows` are those of the accelerometers.
@@ -438,14 +460,15 @@ impl<'a> Collector<'a> {
             (None, false) => return None,
         };
         let Gyroscopes { axes, g_sensitivity, alignment } = gyroscopes;
-        let middle = middle(&self.windows, |sums| &sums.gyroscopes);
+        let triads = &self.triads[1];
+        let middle = middle(&self.windows, triads);
         let frozen = FrozenCoefficients::new(axes, *alignment, middle);
-        let pairs = self.windows.iter().zip(windows);
-        let windows = pairs.map(|(sums, of_accelerometers)| {
+        let of_windows = self.windows.iter().zip(triads).zip(windows);
+        let windows = of_windows.map(|((sums, triad), of_accelerometers)| {
             let force = of_accelerometers.before;
             let by_force = g_sensitivity.map(|s| s.map_or(0.0, |s| (0..AXES).map(|axis| s[axis] * force[axis]).sum()));
-            let before = frozen.output(&sums.gyroscopes, sums.seconds, by_force);
-            let window = sums.window(&sums.gyroscopes, before, ARCSEC);
+            let before = frozen.output(triad, sums.seconds, by_force);
+            let window = sums.window(triad, before, ARCSEC);
             Window { counts: of_accelerometers.counts, still: of_accelerometers.still, ..window }
         });
         let conditions = Conditions {
@@ -455,8 +478,8 @@ impl<'a> Collector<'a> {
             unit: &content.temperature_unit,
             aligned: alignment.is_some(),
             middle,
-            spreads: self.windows.iter().map(|sums| sums.gyroscopes.spread(ARCSEC)).collect(),
-            static_output: self.static_output(|sums| &sums.gyroscopes, ARCSEC),
+            spreads: triads.iter().map(|triad| triad.spread(ARCSEC)).collect(),
+            static_output: self.static_output(triads, ARCSEC),
             unsettled: self.windows.iter().map(|sums| sums.unsettled).collect(),
         };
         Some(GyroscopeStability::of(windows.collect(), &conditions))
@@ -504,8 +527,8 @@ impl WindowSums {
             after: mean(triad.increment).map(|rate| rate / unit),
             head: mean(triad.head),
             board: mean(triad.board),
-            temperature: triad.temperature.unwrap_or([[[f64::NAN; 2]; 2]; AXES]),
-            occupancy: triad.occupancy.unwrap_or([[Occupancy::of([0.0; 2], []); 2]; AXES]),
+            temperature: triad.temperature,
+            touched: triad.touched,
             flagged: triad.flagged,
             counts: true,
             still: true,

@@ -38,10 +38,6 @@ pub(super) fn untouched(axes: &[Axis; AXES]) -> [[Occupancy; 2]; AXES] {
     })
 }
 
-fn together(a: &[[Occupancy; 2]; AXES], b: &[[Occupancy; 2]; AXES]) -> [[Occupancy; 2]; AXES] {
-    [0, 1, 2].map(|axis| [0, 1].map(|sensor| a[axis][sensor].and(b[axis][sensor])))
-}
-
 /// The windows that are judged: those that count, without the flagged ones unless all are.
 fn judged(windows: &[Window]) -> impl Iterator<Item = &Window> {
     let good = windows.iter().any(|window| window.counts && !window.flagged);
@@ -55,12 +51,16 @@ impl Coverage {
     /// Without channels.
     pub(crate) fn of(windows: &[Window], kind: SensorKind, axes: &[Axis; AXES], unit: &str) -> Self {
         let all = |axis: usize, sensor: usize| judged(windows).map(move |window| window.temperature[axis][sensor]);
-        let nothing = untouched(axes);
+        let mut occupancy = untouched(axes);
+        for window in judged(windows) {
+            let all = occupancy.as_flattened_mut().iter_mut().zip(window.touched.as_flattened());
+            all.for_each(|(occupancy, touched)| *occupancy = occupancy.with(*touched));
+        }
         let each = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
         Self {
             kind,
             temperature: each.map(|pair| pair.map(|(axis, sensor)| joint_range(all(axis, sensor)))),
-            occupancy: judged(windows).fold(nothing, |all, window| together(&all, &window.occupancy)),
+            occupancy,
             unit: unit.to_owned(),
             driven: [[false; 2]; AXES],
         }
@@ -110,10 +110,11 @@ impl Coverage {
     #[must_use]
     pub(crate) fn and(&self, other: &Self) -> Self {
         let sensors = [0, 1, 2].map(|axis| [(axis, 0), (axis, 1)]);
+        let occupancy = |(axis, k): (usize, usize)| self.occupancy[axis][k].and(other.occupancy[axis][k]);
         Self {
             temperature: sensors
                 .map(|pair| pair.map(|(axis, k)| joint_range([self.temperature[axis][k], other.temperature[axis][k]]))),
-            occupancy: together(&self.occupancy, &other.occupancy),
+            occupancy: sensors.map(|pair| pair.map(occupancy)),
             driven: sensors.map(|pair| pair.map(|(axis, k)| self.driven[axis][k] || other.driven[axis][k])),
             ..self.clone()
         }

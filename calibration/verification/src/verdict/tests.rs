@@ -1,7 +1,7 @@
 //! Verdicts on errors that are known.
 
 use super::*;
-use crate::occupancy::Occupancy;
+use crate::occupancy::Bins;
 use crate::window::Window;
 use isotherm_simulation::RandomGenerator;
 
@@ -21,7 +21,7 @@ pub(crate) fn windows(count: usize, seed: u64, noise: f64, error: impl Fn(f64) -
             head: [0.0; AXES],
             board: [0.0; AXES],
             temperature: [[[0.0; 2]; 2]; AXES],
-            occupancy: [[Occupancy::of([0.0, 1.0], []); 2]; AXES],
+            touched: [[Bins::default(); 2]; AXES],
             flagged: false,
             counts: true,
             still: true,
