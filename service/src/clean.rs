@@ -12,7 +12,8 @@ use std::path::Path;
 /// The folders that the transport creates in a domain's folder.
 const FOLDERS: [&str; 2] = ["nodes", "services"];
 
-/// Removes everything of `domain` from shared memory and from its folder. Returns how many objects were removed.
+/// Removes everything of `domain` from shared memory and from its folder, and the folder if it is then empty. A folder
+/// that is a mount, or that lies in another user's folder, stays. Returns how many objects were removed.
 ///
 /// # Errors
 /// If a process of the domain is alive, or something cannot be removed.
@@ -26,7 +27,11 @@ pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
     let mut removed = remove_streams(domain)?;
     removed += remove_prefixed(root, &prefix)?;
-    remove_empty(root)?;
+    match remove_empty(root) {
+        // As that of the packages, which lies in a folder of root.
+        Err(error) if matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ResourceBusy) => {}
+        result => result.map_err(|error| Failure::io("removing", root, &error))?,
+    }
     Ok(removed)
 }
 
@@ -54,10 +59,10 @@ pub(crate) fn remove_streams(domain: &Domain) -> Result<usize, Failure> {
         for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
             if inner.file_type().is_ok_and(|kind| kind.is_dir()) {
                 removed += remove_prefixed(&inner.path(), &prefix)?;
-                remove_empty(&inner.path())?;
+                remove_empty(&inner.path()).map_err(|error| Failure::io("removing", &inner.path(), &error))?;
             }
         }
-        remove_empty(&folder)?;
+        remove_empty(&folder).map_err(|error| Failure::io("removing", &folder, &error))?;
     }
     Ok(removed)
 }
@@ -109,11 +114,9 @@ fn remove(path: &Path) -> Result<usize, Failure> {
 }
 
 /// Removes a folder if it is empty.
-fn remove_empty(folder: &Path) -> Result<(), Failure> {
+fn remove_empty(folder: &Path) -> io::Result<()> {
     match fs::remove_dir(folder) {
-        Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => {
-            Err(Failure::io("removing", folder, &error))
-        }
-        _ => Ok(()),
+        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => Ok(()),
+        result => result,
     }
 }

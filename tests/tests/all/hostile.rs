@@ -256,9 +256,10 @@ fn stopped_peers_do_not_disturb_others_and_continue_later() {
     service.terminate();
 }
 
+const NOBODY: u32 = 65_534;
+
 /// Runs `isotherm` in this domain as the user nobody; `None` if this process may not change its user.
 fn as_nobody(domain: &TestDomain, arguments: &[&str]) -> Option<(Option<i32>, String)> {
-    const NOBODY: u32 = 65_534;
     if !rustix::process::geteuid().is_root() {
         skip("only root can be another user", Needs::Machine);
         return None;
@@ -277,6 +278,25 @@ fn as_nobody(domain: &TestDomain, arguments: &[&str]) -> Option<(Option<i32>, St
     command.envs(environment.into_iter().filter_map(|(name, value)| Some((name, value?))));
     let output = command.output().unwrap();
     Some((output.status.code(), text(&output.stderr)))
+}
+
+/// As the packages lay it out: root owns the folder of the domains, and has given this one to the service's user.
+#[test]
+fn clean_leaves_a_folder_that_only_another_user_may_remove() {
+    let domain = TestDomain::new();
+    let folder = domain.client_domain().root_path().to_owned();
+    let left = format!("{folder}/{}left.event", domain.client_domain().prefix());
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(&left, "").unwrap();
+    for path in [&folder, &left] {
+        // Only root may, and only then the test goes on.
+        let _ = std::os::unix::fs::chown(path, Some(NOBODY), Some(NOBODY));
+    }
+    for _ in 0..2 {
+        let Some((code, message)) = as_nobody(&domain, &["clean"]) else { return };
+        assert_eq!(code, Some(0), "{message}");
+        assert!(fs::read_dir(&folder).unwrap().next().is_none());
+    }
 }
 
 #[test]
