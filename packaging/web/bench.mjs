@@ -103,6 +103,23 @@ function long_csv(name, bytes) {
   return path;
 }
 
+/** A recording in CSV, again and again at its own rate of 2 Hz until it has so many bytes: 30 days in 1 GB. */
+function repeated_csv(name, bytes) {
+  const [head, ...lines] = readFileSync("calibration/fit/tests/data/consumer/thermal-run.csv", "utf8").trim().split("\n");
+  const path = join(scratch, name);
+  const file = openSync(path, "w");
+  writeSync(file, `${head}\n`);
+  const rows = lines.map((line) => line.split(","));
+  const period = Number(rows.at(-1)[1]);
+  for (let n = 0, size = 0; size < bytes; n += 1) {
+    const later = ([sequence, time, interval, of_temperature, ...rest]) =>
+      [Number(sequence) + n * rows.length, Number(time) + n * period, interval, Number(of_temperature) + n * period, ...rest].join(",");
+    size += writeSync(file, `${rows.map(later).join("\n")}\n`);
+  }
+  closeSync(file);
+  return path;
+}
+
 /** The largest peak of memory of a renderer, which has the page and its worker [MB]. */
 function renderer_peak() {
   const peaks = readdirSync("/proc").filter((name) => /^\d+$/.test(name)).map((pid) => {
@@ -140,6 +157,7 @@ const nominal = "calibration/fit/tests/data/consumer/nominal.toml";
 for (const [make, name, bytes, job, more] of [
   [long_ulog, "short.ulg", 100e6, "warm-up", []], [long_csv, "short.csv", 100e6, "verify", [nominal]],
   [long_ulog, "long.ulg", 1e9, "warm-up", []], [long_csv, "long.csv", 1e9, "verify", [nominal]],
+  [repeated_csv, "days.csv", 1e9, "verify", [nominal]],
 ]) {
   const path = make(name, bytes);
   const browser = await launch(chromium);

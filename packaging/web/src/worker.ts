@@ -23,7 +23,8 @@ export interface Outcome {
   readonly memory: number;
 }
 
-const PIECE = 1 << 20;
+/** Bytes of the first piece behind a place, and of the largest: pieces that follow one another double. */
+const [LEAST, MOST] = [1 << 16, 1 << 22];
 /** The exit code of a program that panicked. */
 const PANIC = 101;
 const reader = new FileReaderSync();
@@ -46,8 +47,9 @@ class Chosen extends Written {
 }
 
 class OpenChosen extends OpenFile {
-  private piece = new Uint8Array<ArrayBuffer>();
+  private piece = new Uint8Array();
   private start = 0;
+  private ahead = LEAST;
 
   constructor(override readonly file: Chosen) {
     super(file);
@@ -56,10 +58,9 @@ class OpenChosen extends OpenFile {
   override fd_pread(size: number, offset: bigint): { ret: number; data: Uint8Array } {
     const from = Number(offset);
     if (from < this.start || from >= this.start + this.piece.length) {
-      // Memory of the piece before is free at once, and not when the browser gets round to it.
-      this.piece.buffer.transfer?.(0);
+      this.ahead = from === this.start + this.piece.length ? Math.min(2 * this.ahead, MOST) : LEAST;
       try {
-        this.piece = new Uint8Array(reader.readAsArrayBuffer(this.file.chosen.slice(from, from + PIECE)));
+        this.piece = new Uint8Array(reader.readAsArrayBuffer(this.file.chosen.slice(from, from + this.ahead)));
       } catch {
         return { ret: wasi.ERRNO_IO, data: new Uint8Array() };
       }

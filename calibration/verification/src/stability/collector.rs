@@ -141,7 +141,7 @@ pub struct Collector<'a> {
     begin_ns: Option<i128>,
     open: (WindowSums, [TriadSums; 2]),
     windows: Vec<WindowSums>,
-    /// The triads of each window. Of gyroscopes, there are none if the table has none.
+    /// The triads of each window. The second list is empty if the table has no gyroscopes.
     triads: [Vec<TriadSums>; 2],
     temperature: [[TemperatureStep; 2]; AXES],
     left_out: u64,
