@@ -276,7 +276,7 @@ fn as_nobody(domain: &TestDomain, arguments: &[&str]) -> Option<(Option<i32>, St
     command = std::process::Command::new(&program);
     command.args(arguments).uid(NOBODY).gid(NOBODY).current_dir(domain.path(""));
     command.envs(environment.into_iter().filter_map(|(name, value)| Some((name, value?))));
-    let output = command.output().unwrap();
+    let output = domain.finish(command);
     Some((output.status.code(), text(&output.stderr)))
 }
 
@@ -290,7 +290,7 @@ fn clean_leaves_a_folder_that_only_another_user_may_remove() {
     fs::write(&left, "").unwrap();
     for path in [&folder, &left] {
         // Only root may, and only then the test goes on.
-        let _ = std::os::unix::fs::chown(path, Some(NOBODY), Some(NOBODY));
+        let _ = chown(path, Some(NOBODY), Some(NOBODY));
     }
     for _ in 0..2 {
         let Some((code, message)) = as_nobody(&domain, &["clean"]) else { return };
