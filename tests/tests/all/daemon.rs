@@ -18,6 +18,10 @@ fn serve_check_and_status_are_those_of_isotherm() {
     drop(acquisition);
     let replayed = domain.run_ok(&["replay", "--table", "imu-a.toml", RUN]);
     assert_eq!(domain.run_ok(&["feed", "--imu", "imu-a", RUN]), replayed);
+    // From then on the status has the same words, whenever it is asked for.
+    wait_until("a second without samples", || {
+        domain.run_ok(&["status"]).contains(" in the last second, the last sample ")
+    });
     domain.write("bad.toml", &TABLE.replace("gravity_reference", "gravity"));
     // Both recognise the same kinds of files.
     domain.write("unknown.toml", "key = 1\n");
