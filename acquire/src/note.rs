@@ -82,10 +82,10 @@ impl KeptLag {
 }
 
 impl AcquisitionNote {
-    /// Reads the note of this IMU. One that is damaged, is of another start of the machine, or belongs to neither this
-    /// user nor the domain's group is none.
+    /// Reads the note of this IMU. One that is damaged, is of another start of the machine, or does not belong to
+    /// this user is none.
     pub(crate) fn load(domain: &Domain, imu: &ImuId) -> Self {
-        let text = note(domain, imu).read_from_members(domain);
+        let text = note(domain, imu).read();
         let content = text.and_then(|text| serde_json::from_slice::<NoteContent>(&text).ok());
         // A kernel that does not report its start cannot be known to be the same.
         let boot = boot();
@@ -126,7 +126,7 @@ impl AcquisitionNote {
         let is_new = self.noted.is_none_or(|noted| noted.lag.map(|kept| kept.lag) != lag.map(|kept| kept.lag));
         if is_new {
             let content = NoteContent { boot: self.boot, lag };
-            let start = || NoteWriter::start(&self.domain, note(&self.domain, &self.imu), LOSS);
+            let start = || NoteWriter::start(note(&self.domain, &self.imu), LOSS);
             if !self.writer.get_or_insert_with(start).write(&content) {
                 return;
             }

@@ -1,6 +1,6 @@
 //! The thread that writes a note into the domain's folder, which may be on a disk that lets a writer wait.
 
-use isotherm_client::{Domain, Note};
+use isotherm_client::Note;
 use isotherm_support::failure::tell;
 use serde::Serialize;
 use std::io::{self, ErrorKind};
@@ -19,15 +19,14 @@ pub(crate) struct NoteWriter {
 
 impl NoteWriter {
     /// Starts the thread. If it cannot start, nothing is written, and a warning says what is lost: `loss`.
-    pub(crate) fn start(domain: &Domain, note: Note, loss: &'static str) -> Self {
+    pub(crate) fn start(note: Note, loss: &'static str) -> Self {
         let (contents, received) = sync_channel::<Vec<u8>>(1);
         let (end, ended) = sync_channel(1);
-        let domain = domain.clone();
         let body = move || {
             let mut is_told = false;
             for content in received {
                 match note.write(&content) {
-                    Ok(()) => note.open_to_members(&domain),
+                    Ok(()) => {}
                     // The service has not made the folder yet.
                     Err(error) if error.kind() == ErrorKind::NotFound => {}
                     Err(error) if !is_told => {

@@ -334,7 +334,7 @@ struct TallyNote {
 impl TallyNote {
     fn start(domain: &Domain, imu: &ImuId) -> Self {
         let note = Note::of_tally(domain, imu);
-        let writer = NoteWriter::start(domain, note.clone(), "the exporter has no metrics of this acquisition");
+        let writer = NoteWriter::start(note.clone(), "the exporter has no metrics of this acquisition");
         Self { note, writer }
     }
 

@@ -25,14 +25,11 @@ fn note(domain: &Domain, imu: &ImuId) -> Note {
 pub(crate) fn write(domain: &Domain, imu: &ImuId, session: u64, closing: ClosingNote) -> io::Result<()> {
     let ClosingNote { lost, unanswered } = closing;
     let status = ClosedStatus { session: format!("{session:016x}"), lost, unanswered, unix_s: unix_s() };
-    let note = note(domain, imu);
-    note.write(&serde_json::to_vec(&status)?)?;
-    note.open_to_members(domain);
-    Ok(())
+    note(domain, imu).write(&serde_json::to_vec(&status)?)
 }
 
 /// What the last acquisition of `imu` that closed with a loss had lost; `None` if there was none.
 #[must_use]
 pub fn last_closing(domain: &Domain, imu: &ImuId) -> Option<ClosedStatus> {
-    serde_json::from_slice(&note(domain, imu).read_from_members(domain)?).ok()
+    serde_json::from_slice(&note(domain, imu).read()?).ok()
 }

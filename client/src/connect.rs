@@ -3,11 +3,9 @@
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
 use crate::lag_option::LagOption;
-use crate::members::{open_to_group, remove_own_leftovers};
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of};
 use crate::resources::check_room;
-use crate::transport::group;
 use crate::transport::stream::{self, IpcNode};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
@@ -133,12 +131,10 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
     let config = stream::configuration(domain)?;
     let node = NodeBuilder::new().config(&config).signal_handling_mode(SignalHandlingMode::Disabled);
     let node = node.create().map_err(|error| match error {
-        NodeCreationFailure::InsufficientPermissions => not_permitted(domain, "creating a node"),
+        NodeCreationFailure::InsufficientPermissions => permission(domain, None),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })?;
-    domain_files(domain).for_each(|file| file.close_to_others(domain));
-    open_to_group(domain);
-    remove_own_leftovers(domain);
+    domain_files(domain).for_each(|file| file.close_to_others());
     Ok(node)
 }
 
@@ -200,15 +196,6 @@ pub(crate) fn retry_until<T>(
     }
 }
 
-/// The error for something of the domain that this process may not open. In a domain that belongs to a group another
-/// member may just have made it, and not have opened it to the group yet.
-fn not_permitted(domain: &Domain, phase: &'static str) -> ConnectError {
-    match group::of(&domain.prefix()) {
-        Some(_) => ConnectError::transport(phase, "another member of the group has not opened it to the group"),
-        None => permission(domain, None),
-    }
-}
-
 /// The error for a stream of `imu` that could not be opened.
 pub(crate) fn unopened(
     node: &IpcNode,
@@ -219,7 +206,7 @@ pub(crate) fn unopened(
 ) -> ConnectError {
     match error {
         PublishSubscribeOpenError::DoesNotExist => absent(node, domain, imu),
-        PublishSubscribeOpenError::InsufficientPermissions => not_permitted(domain, "opening the stream"),
+        PublishSubscribeOpenError::InsufficientPermissions => permission(domain, None),
         PublishSubscribeOpenError::IncompatibleTypes => ConnectError::OtherVersion {
             domain: domain.name().to_owned(),
             payload: payload_of(node, stream).unwrap_or_else(|| "unknown".to_owned()),

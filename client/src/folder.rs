@@ -1,26 +1,22 @@
 //! The domain's folder: who made it, and whether it can be used.
 
 use crate::error::{ConnectError, permission};
-use crate::objects::Note;
-use crate::transport::group;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::shown;
 use rustix::fs::{Access, Mode, OFlags, access, open, statvfs};
 use rustix::io::Errno;
-use std::fs::{self, DirBuilder, File, Metadata, Permissions};
+use std::fs::{self, DirBuilder, File};
 use std::io;
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _, lchown};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::Path;
 
 /// Permission to write for everybody.
 const EVERYBODY: u32 = 0o002;
 /// Only the owner of an entry may rename or remove it.
 const STICKY: u32 = 0o1000;
-/// Mode of the folder of a domain that belongs to a group: what is made in it belongs to the group, too.
-const GROUP_MODE: u32 = 0o2770;
 
-/// Checks that the domain's folder, if it exists, belongs to this process's user, or to a group as the service has made
-/// it. Even root is refused another user's domain.
+/// Checks that the domain's folder, if it exists, belongs to this process's user. Even root is refused another user's
+/// domain.
 ///
 /// A symbolic link is followed only where nobody else could have made it. A user who owns the parent folder, or may
 /// write it as a member of its group, is trusted.
@@ -83,72 +79,13 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
             foreign(cause)
         };
     }
-    let group = group_of(domain, &found).filter(|_| !shared);
-    group::set(&domain.prefix(), group);
-    if found.uid() != own && group.is_none() {
+    if found.uid() != own {
         return Err(permission(domain, Some(found.uid())));
     }
     if found.mode() & EVERYBODY != 0 {
         return foreign(format!("everybody may write {root}; chmod o-w {root}"));
     }
     Ok(true)
-}
-
-/// The group that a domain belongs to: that of its folder, if the service has noted that it serves a group. Where
-/// everybody may make folders, anybody could have made it for a group of his choice, so it counts only where nobody
-/// can.
-fn group_of(domain: &Domain, folder: &Metadata) -> Option<u32> {
-    let is_open = folder.mode() & 0o7777 == GROUP_MODE && group_note(domain).exists();
-    is_open.then(|| folder.gid())
-}
-
-/// The note of a service that serves a group.
-fn group_note(domain: &Domain) -> Note {
-    Note::new(domain, "group")
-}
-
-/// Makes the domain belong to this group, or to its own user again. For the service, which is configured for it; its
-/// clients find out by the folder.
-///
-/// # Errors
-/// Why the folder cannot be the group's, with the remedy.
-pub fn give_to_group(domain: &Domain, group: Option<u32>) -> Result<(), String> {
-    let (root, prefix, note) = (domain.root_path(), domain.prefix(), group_note(domain));
-    let Some(group) = group else {
-        note.remove();
-        group::set(&prefix, None);
-        return Ok(());
-    };
-    let parent = Path::new(root).parent().unwrap_or(Path::new("/"));
-    let failed = |error: io::Error| format!("the domain's folder {root}: {error}");
-    if fs::metadata(parent).map_err(failed)?.mode() & EVERYBODY != 0 {
-        let parent = shown(parent);
-        return Err(format!(
-            "everybody may make a folder in {parent}; name another folder in ISOTHERM_ROOT, such as /run/isotherm"
-        ));
-    }
-    match DirBuilder::new().mode(0o770).create(root) {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(error)),
-        _ => {}
-    }
-    let found = fs::symlink_metadata(root).map_err(failed)?;
-    if (found.gid(), found.mode() & 0o7777) != (group, GROUP_MODE) {
-        let changed = lchown(root, None, Some(group))
-            .and_then(|()| fs::set_permissions(root, Permissions::from_mode(GROUP_MODE)))
-            .and_then(|()| fs::symlink_metadata(root));
-        // A filter of system calls may refuse the bit without an error.
-        let changed = changed.map_err(failed)?;
-        if (changed.gid(), changed.mode() & 0o7777) != (group, GROUP_MODE) {
-            return Err(format!(
-                "the domain's folder {root} has mode {:o} and group {}",
-                changed.mode() & 0o7777,
-                changed.gid()
-            ));
-        }
-    }
-    note.write(group.to_string().as_bytes()).map_err(failed)?;
-    group::set(&prefix, Some(group));
-    Ok(())
 }
 
 /// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small

@@ -79,7 +79,6 @@ mod lag;
 mod lag_option;
 mod loan;
 mod loss;
-mod members;
 mod objects;
 mod pace;
 mod peers;
@@ -105,7 +104,7 @@ pub use connect::{
     sweep_half_created,
 };
 pub use error::{ConnectError, shortage};
-pub use folder::{check_owner, give_to_group, prepare};
+pub use folder::{check_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::names::{Domain, DomainError, ImuId};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
@@ -116,7 +115,6 @@ pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::LagOption;
 pub use loan::{CompensateError, InFlight, Loan, LoanMergeError, SendError, TransportError};
 pub use loss::removed_object;
-pub use members::open_to_group;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
 pub use pace::Pace;
 pub use peers::{

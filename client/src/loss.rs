@@ -4,7 +4,7 @@
 //! connected go on with what they have, but no new one reaches them. And another user who watches `/dev/shm` can make
 //! the object of a connection before the processes that it is for.
 
-use crate::objects::{SHARED_MEMORY, entries, is_trusted};
+use crate::objects::{SHARED_MEMORY, entries, is_own};
 use core::fmt;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::shown;
@@ -65,7 +65,7 @@ pub(crate) fn taken_connection(domain: &Domain, ports: &[u128]) -> Option<PathBu
     let ports = ports.iter().map(u128::to_string).collect::<Vec<_>>();
     // Other users may make any number of objects, so names are compared before anything is looked at.
     let is_of_port = |name: &str| ports.iter().any(|port| name.contains(port.as_str()));
-    let foreign = |path: &Path| fs::symlink_metadata(path).is_ok_and(|found| !is_trusted(domain, &found));
+    let foreign = |path: &Path| fs::symlink_metadata(path).is_ok_and(|found| !is_own(&found));
     entries(Path::new(SHARED_MEMORY), &domain.prefix())
         .filter(|entry| entry.file_name().to_str().is_some_and(is_of_port))
         .map(|entry| entry.path())

@@ -5,7 +5,6 @@
 //! only regular files of this user count.
 
 use crate::error::ConnectError;
-use crate::transport::group;
 pub(crate) use crate::transport::own_storage::SHARED_MEMORY;
 use crate::transport::stream::CREATION_TIMEOUT;
 use isotherm_shared::names::{Domain, ImuId};
@@ -67,12 +66,10 @@ impl OwnFile {
         self.mode() == 0o200
     }
 
-    /// Takes the permissions of other users from it, and those of its group unless the domain belongs to a group. The
-    /// transport makes its counter of nodes with all permissions; programs that use it without Isotherm's client make
-    /// one in shared memory.
-    pub fn close_to_others(&self, domain: &Domain) {
-        let others = if group::of(&domain.prefix()).is_some() { OTHERS & 0o007 } else { OTHERS };
-        let mode = self.mode() & !others;
+    /// Takes the permissions of its group and of other users from it. The transport makes its counter of nodes with all
+    /// permissions; programs that use it without Isotherm's client make one in shared memory.
+    pub fn close_to_others(&self) {
+        let mode = self.mode() & !OTHERS;
         if mode != self.mode() {
             // Its creator may just be removing it.
             let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
@@ -96,13 +93,12 @@ impl OwnFile {
 /// user, which nobody else can replace: in a folder that everybody may write, the sticky bit protects it.
 fn own_file(entry: &DirEntry) -> Option<OwnFile> {
     let metadata = entry.metadata().ok()?;
-    let own = metadata.is_file() && metadata.uid() == rustix::process::geteuid().as_raw();
-    own.then(|| OwnFile { path: entry.path(), metadata })
+    is_own(&metadata).then(|| OwnFile { path: entry.path(), metadata })
 }
 
-/// Whether a file can be trusted in a domain: it is regular, and this user's or the group's that the domain belongs to.
-pub(crate) fn is_trusted(domain: &Domain, found: &Metadata) -> bool {
-    found.is_file() && group::owns(&domain.prefix(), found)
+/// Whether it is a regular file of this user.
+pub(crate) fn is_own(found: &Metadata) -> bool {
+    found.is_file() && found.uid() == rustix::process::geteuid().as_raw()
 }
 
 pub(crate) fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
@@ -121,7 +117,7 @@ pub fn own_files<P: AsRef<Path>>(folder: P, prefix: &str) -> impl Iterator<Item 
 /// Isotherm ignores it, unless a stream needs its name.
 #[must_use]
 pub fn foreign_object(domain: &Domain) -> Option<PathBuf> {
-    let foreign = |entry: &DirEntry| entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
+    let foreign = |entry: &DirEntry| entry.metadata().is_ok_and(|found| !is_own(&found));
     entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign).map(|entry| entry.path())
 }
 
@@ -138,13 +134,13 @@ pub(crate) fn refuse_foreign(domain: &Domain) -> Result<(), ConnectError> {
     let services = Path::new(domain.root_path()).join("services");
     // Other users may make any number of objects, so names are compared before anything is looked at.
     let files = entries(&services, &domain.prefix());
-    let files = files.filter(|entry| entry.metadata().is_ok_and(|found| is_trusted(domain, &found)));
+    let files = files.filter(|entry| entry.metadata().is_ok_and(|found| is_own(&found)));
     let memories: Vec<_> = files.filter_map(|entry| memory_name(&entry.path())).collect();
     let in_use = |entry: &DirEntry| {
         let name = entry.file_name();
         memories.iter().any(|memory| name.as_encoded_bytes().ends_with(memory.as_bytes()))
     };
-    let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_trusted(domain, &found));
+    let foreign = |entry: &DirEntry| in_use(entry) && entry.metadata().is_ok_and(|found| !is_own(&found));
     let Some(entry) = entries(Path::new(SHARED_MEMORY), &domain.prefix()).find(foreign) else { return Ok(()) };
     Err(ConnectError::Foreign(format!("{} is not this user's; its owner or root can remove it", shown(&entry.path()))))
 }
@@ -200,37 +196,16 @@ impl Note {
         Self::new(domain, &format!("tally-{imu}.json"))
     }
 
-    /// Whether the note exists, whichever user wrote it.
-    pub(crate) fn exists(&self) -> bool {
-        fs::symlink_metadata(self.folder.join(&self.name)).is_ok_and(|found| found.is_file())
-    }
-
-    /// As [`read`](Self::read), also if a member of the group that the domain belongs to has written it.
+    /// What is in it; `None` if it is not there, or is not this user's.
     #[must_use]
-    pub fn read_from_members(&self, domain: &Domain) -> Option<Vec<u8>> {
-        let path = self.folder.join(&self.name);
+    pub fn read(&self) -> Option<Vec<u8>> {
         let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
-        let file = File::options().read(true).custom_flags(flags).open(path).ok()?;
-        if !is_trusted(domain, &file.metadata().ok()?) {
+        let file = File::options().read(true).custom_flags(flags).open(self.path()).ok()?;
+        if !is_own(&file.metadata().ok()?) {
             return None;
         }
         let mut text = Vec::new();
         file.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
-        Some(text)
-    }
-
-    /// Lets the members of the group that the domain belongs to read it.
-    pub fn open_to_members(&self, domain: &Domain) {
-        group::open_path(&domain.prefix(), &self.folder.join(&self.name));
-    }
-
-    /// What is in it; `None` if it is not there, or is not this user's.
-    #[must_use]
-    pub fn read(&self) -> Option<Vec<u8>> {
-        let path = self.folder.join(&self.name);
-        let own = own_files(&self.folder, &self.name).find(|file| file.path == path)?;
-        let mut text = Vec::new();
-        File::open(own.path).ok()?.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
         Some(text)
     }
 

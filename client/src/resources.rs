@@ -5,7 +5,6 @@
 //! anything is written to them ([`crate::transport::own_storage`]); those that other programs have created, here.
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
-use crate::members::open_to_group;
 use crate::objects::{SHARED_MEMORY, own_files};
 use crate::transport::own_storage::allocate_pages;
 use isotherm_shared::names::Domain;
@@ -55,12 +54,10 @@ pub fn check_room(imus: usize) -> Result<(), ConnectError> {
 }
 
 /// Makes the kernel allocate all pages of this user's shared memory of `domain` now, so that none can be missing later.
-/// Where the domain belongs to a group, also opens what this user has made to it ([`open_to_group`]).
 ///
 /// # Errors
 /// [`ConnectError::Exhausted`] if there is not enough.
 pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
-    open_to_group(domain);
     for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.missing() > 0) {
         // Another process is just removing or creating the object; this process does not need it.
         let Ok(file) = object.open() else { continue };

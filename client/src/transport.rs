@@ -3,7 +3,6 @@
 //! [`Acquisition`](crate::Acquisition) and the readers are what a program uses. This module is for programs that are
 //! part of Isotherm, and for peers that open the streams by themselves.
 
-pub mod group;
 pub mod nodes;
 pub mod own_static;
 pub mod own_storage;

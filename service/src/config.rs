@@ -88,8 +88,6 @@ pub struct Config {
     pub max_change: MaxChange,
     /// What to do at the start with a table file that cannot be taken.
     pub at_start: AtStart,
-    /// The group of users that the domain belongs to, by name or number; `None` if it belongs to the service's user.
-    pub group: Option<String>,
 }
 
 /// Real-time settings. By default there is no core, no priority and no locked memory, and the timer slack is 1 ns.
@@ -123,7 +121,6 @@ impl Default for Config {
             realtime: WorkerRealtime::default(),
             max_change: MaxChange::default(),
             at_start: AtStart::default(),
-            group: None,
         }
     }
 }
@@ -212,13 +209,11 @@ fn read(root: &Section<'_, '_>, folder: &Path) -> Config {
         reload.finish();
     }
     if let Some(domain) = root.optional_section("domain") {
-        let group = domain.optional_string("group");
-        domain.refuse(
+        domain.fault(
             "group",
-            group.filter(|group| group.is_empty()).map(|_| "is empty, give a group of users".to_owned()),
+            "does not exist any more, since a member could reach the files of every other one: remove [domain], and run all \
+             programs of the domain as one user (docs/security.md)",
         );
-        config.group = group.map(str::to_owned);
-        domain.finish();
     }
     config.imus = imus(root, folder, config.max_change);
     let idle = (0..config.workers()).find(|worker| config.imus.iter().all(|imu| imu.worker != *worker));
@@ -320,8 +315,6 @@ mod tests {
             priority = 60
             lock_memory = true
             timer_slack_ns = 1000
-            [domain]
-            group = "imu"
         "#;
         let config = Config::from_toml(text, Path::new("/etc/isotherm")).unwrap();
         assert_eq!(config.imus[0].table, Path::new("/etc/isotherm/tables/imu-a.toml"));
@@ -333,7 +326,6 @@ mod tests {
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.at_start, AtStart::Exit);
-        assert_eq!(config.group.as_deref(), Some("imu"));
         let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
         assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);
         assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });
@@ -367,7 +359,8 @@ mod tests {
         let text = "[[imu]]\nid = \"A\"\n[[imu]]\nid = \"b\"\ntable = 1\n[[imu]]\nid = \"b\"\ntable = \"x\"\n\
                     [wait]\nstrategy = \"sleep\"\n[latency]\nbudget_us = 0\nbudget = 1\n\
                     [realtime]\ncore = -1\npriority = 100\nlock_memory = 1\n[metrics]\nlisten = \"x\"\n[metrix]\n\
-                    [reload]\nmax_change = { bias = \"100\", scale = 0.1, rates = \"1deg/s\" }\nat_start = \"go\"\n";
+                    [reload]\nmax_change = { bias = \"100\", scale = 0.1, rates = \"1deg/s\" }\nat_start = \"go\"\n\
+                    [domain]\ngroup = \"imu\"\n";
         let faults = Config::from_toml(text, Path::new("")).unwrap_err();
         let found: Vec<_> = faults.0.iter().map(|fault| (fault.line, fault.key.as_str())).collect();
         let expected = [
@@ -387,6 +380,7 @@ mod tests {
             (22, "reload.max_change.scale"),
             (22, "reload.max_change.rates"),
             (23, "reload.at_start"),
+            (25, "domain.group"),
         ];
         assert_eq!(found, expected);
         assert_eq!(Config::from_toml("", Path::new("")).unwrap_err().0.len(), 1);

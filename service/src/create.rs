@@ -14,7 +14,7 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::publish_subscribe;
 use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode};
-use isotherm_client::{OwnFile, foreign_object, open_to_group, own_files, payload_of, shortage, sweep};
+use isotherm_client::{OwnFile, foreign_object, own_files, payload_of, shortage, sweep};
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::{Exit, Failure, shown};
 use serde::Deserialize;
@@ -95,10 +95,7 @@ impl<'a> Creator<'a> {
         let started = Instant::now();
         loop {
             let error = match attempt() {
-                Ok(value) => {
-                    open_to_group(domain);
-                    return Ok(value);
-                }
+                Ok(value) => return Ok(value),
                 Err(error) => error,
             };
             let waited = started.elapsed();

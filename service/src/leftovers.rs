@@ -85,7 +85,7 @@ impl Leftovers {
     /// of all streams.
     pub(crate) fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         for file in domain_files(&self.domain) {
-            file.close_to_others(&self.domain);
+            file.close_to_others();
             if file.is_half_created() && file.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
                 let _ = fs::remove_file(file.path);
             }

@@ -25,7 +25,6 @@ mod crash;
 pub mod create;
 mod early_death;
 mod events;
-mod group;
 mod guard;
 mod imu;
 mod keeper;

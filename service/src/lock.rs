@@ -3,7 +3,6 @@
 //! It is a lock on a file in the domain's folder, which the kernel releases when the process ends. It belongs to the
 //! process, so a service that executes itself anew keeps it.
 
-use crate::group;
 use isotherm_client::{Domain, prepare};
 use isotherm_support::failure::{Exit, Failure};
 use rustix::fs::{FlockOperation, OFlags, fcntl_lock};
@@ -21,14 +20,11 @@ pub(crate) struct DomainLock {
 }
 
 impl DomainLock {
-    /// Takes the lock, in a domain that belongs to this group of users, if one is given.
+    /// Takes the lock.
     ///
     /// # Errors
     /// If another service has it, or the domain's folder cannot be used.
-    pub(crate) fn take(domain: &Domain, users: Option<&str>) -> Result<Self, Failure> {
-        if users.is_some() {
-            group::apply(domain, users)?;
-        }
+    pub(crate) fn take(domain: &Domain) -> Result<Self, Failure> {
         prepare(domain)?;
         let path = PathBuf::from(domain.root_path()).join(format!("{}service.lock", domain.prefix()));
         let failed = |error: io::Error| Failure::io("locking", &path, &error);
@@ -48,9 +44,6 @@ impl DomainLock {
                 "another service is running in domain {domain:?}{pid}; stop it, or give this one another --domain"
             );
             return Err(Failure::new(Exit::Failed, message));
-        }
-        if users.is_none() {
-            group::apply(domain, None)?;
         }
         // For people who look at it.
         let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));

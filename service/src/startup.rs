@@ -92,7 +92,7 @@ impl Startup {
             return Ok(None);
         };
         check_descriptors(config.imus.len())?;
-        let lock = DomainLock::take(domain, config.group.as_deref())?;
+        let lock = DomainLock::take(domain)?;
         let mark = StartMark::leave(domain);
         let Some((node, publisher, workers, imus)) = Self::open(domain, &config, first_tables, &keeper, events)? else {
             mark.remove();

@@ -1,12 +1,10 @@
 //! Files of the transport that never change: descriptions of streams and processes, and marks.
 //!
-//! [`OwnStatic`] is iceoryx2's storage in files with two differences. Dropping it removes only the file that it has
+//! [`OwnStatic`] is iceoryx2's storage in files with one difference. Dropping it removes only the file that it has
 //! created or opened: iceoryx2 removes whatever has the name, and where the memory of a domain was removed under its
-//! processes, the last one to leave the old streams would remove the files of the new ones. And where a domain belongs
-//! to a group, its members may read the file (`group`).
+//! processes, the last one to leave the old streams would remove the files of the new ones.
 #![expect(unsafe_code, reason = "functions of iceoryx2's traits are unsafe, and are passed on")]
 
-use super::group;
 use core::ptr::NonNull;
 use core::time::Duration;
 use iceoryx2::prelude::{FileName, Path};
@@ -86,8 +84,8 @@ impl StaticStorageBuilder<OwnStatic> for OwnStaticBuilder {
     }
 
     fn create_locked(self) -> Result<OwnStaticLock, StaticStorageCreateError> {
-        let (path, prefix) = (self.path(), self.config.get_prefix().to_string());
-        Ok(OwnStaticLock { locked: self.inner.create_locked()?, path, prefix })
+        let path = self.path();
+        Ok(OwnStaticLock { locked: self.inner.create_locked()?, path })
     }
 
     fn open(self, timeout: Duration) -> Result<OwnStatic, StaticStorageOpenError> {
@@ -101,14 +99,11 @@ impl StaticStorageBuilder<OwnStatic> for OwnStaticBuilder {
 pub struct OwnStaticLock {
     locked: Locked,
     path: String,
-    prefix: String,
 }
 
 impl StaticStorageLocked<OwnStatic> for OwnStaticLock {
     fn unlock(self, contents: &[u8]) -> Result<OwnStatic, StaticStorageUnlockError> {
-        let storage = self.locked.unlock(contents)?;
-        group::open_path(&self.prefix, self.path.as_ref());
-        Ok(OwnStatic::new(storage, self.path))
+        Ok(OwnStatic::new(self.locked.unlock(contents)?, self.path))
     }
 }
 

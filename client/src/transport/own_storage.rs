@@ -1,4 +1,4 @@
-//! Shared memory of the transport that belongs to this process's user, or to the group of its domain.
+//! Shared memory of the transport that belongs to this process's user.
 //!
 //! iceoryx2 opens shared memory by its name, whoever made it: an object that another user puts in the place of a
 //! connection would be taken for a queue, and an empty one would be waited for without limit. [`OwnStorage`] is
@@ -9,7 +9,6 @@
 //! same, so processes that use iceoryx2's own storage take part in the same streams.
 #![expect(unsafe_code, reason = "three functions of iceoryx2's traits are unsafe, and are passed on")]
 
-use super::group;
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
 use core::ptr::NonNull;
@@ -45,24 +44,10 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// An object that appears and vanishes so often while it is opened is given up.
 const MAX_ATTEMPTS: u32 = 100;
 
-/// iceoryx2's storage in POSIX shared memory, for objects of this user, or of the group that the domain belongs to.
+/// iceoryx2's storage in POSIX shared memory, for objects of this user.
 #[derive(Debug)]
 pub struct OwnStorage<T: Debug + Send + Sync + ZeroCopySend> {
     storage: Storage<T>,
-    path: String,
-}
-
-impl<T: Debug + Send + Sync + ZeroCopySend> Drop for OwnStorage<T> {
-    fn drop(&mut self) {
-        // Only its owner can remove an object from a folder with the sticky bit. The next process of that user does.
-        if self.storage.has_ownership() && is_of_another_user(&self.path) {
-            self.storage.release_ownership();
-        }
-    }
-}
-
-fn is_of_another_user(path: &str) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|found| found.uid() != rustix::process::geteuid().as_raw())
 }
 
 thread_local! {
@@ -97,17 +82,9 @@ enum Occupant {
     Foreign,
 }
 
-fn path_of<T: Debug + Send + Sync + ZeroCopySend>(name: &FileName, config: &Configuration<T>) -> String {
-    format!("{SHARED_MEMORY}/{}", config.path_for(name).file_name())
-}
-
 impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
     fn path(&self) -> String {
-        path_of(&self.name, &self.config)
-    }
-
-    fn own(&self, storage: Storage<T>) -> OwnStorage<T> {
-        OwnStorage { storage, path: self.path() }
+        format!("{SHARED_MEMORY}/{}", self.config.path_for(&self.name).file_name())
     }
 
     /// Looks at the object without opening it. Waits for an own object that has no size yet.
@@ -124,13 +101,6 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
                         return Ok(Occupant::Own);
                     }
                 }
-                Ok(found) if group::owns(&self.prefix(), &found) => {
-                    if found.size() > 0 && found.mode() & 0o060 == 0o060 {
-                        return Ok(Occupant::Own);
-                    }
-                }
-                // Another member of the group may be creating it, and has not given it to the group yet.
-                Ok(_) if group::of(&self.prefix()).is_some() && begun.elapsed() < self.timeout => {}
                 Ok(_) => return Ok(Occupant::Foreign),
             }
             if begun.elapsed() >= self.timeout {
@@ -149,13 +119,7 @@ impl<T: Debug + Send + Sync + ZeroCopySend + 'static> OwnStorageBuilder<'_, T> {
             REFUSED.set(size);
             return Err(DynamicStorageCreateError::InternalError);
         }
-        let created = self.inner().create()?;
-        group::open_path(&self.prefix(), self.path().as_ref());
-        Ok(self.own(created))
-    }
-
-    fn prefix(&self) -> String {
-        self.config.get_prefix().to_string()
+        Ok(OwnStorage { storage: self.inner().create()? })
     }
 
     /// iceoryx2's builder with the same settings. Nobody else gets permissions.
@@ -246,10 +210,7 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
     fn open(mut self, access_mode: AccessMode) -> Result<OwnStorage<T>, DynamicStorageOpenError> {
         match self.find()? {
             Occupant::Nothing => Err(DynamicStorageOpenError::DoesNotExist),
-            Occupant::Own => {
-                let storage = self.inner().open(access_mode)?;
-                Ok(self.own(storage))
-            }
+            Occupant::Own => Ok(OwnStorage { storage: self.inner().open(access_mode)? }),
             Occupant::Foreign => Err(DynamicStorageOpenError::InternalError),
         }
     }
@@ -263,10 +224,7 @@ impl<'builder, T: Debug + Send + Sync + ZeroCopySend + 'static> DynamicStorageBu
                 },
                 Occupant::Own => match self.inner().open(AccessMode::ReadWrite) {
                     Err(DynamicStorageOpenError::DoesNotExist) => {}
-                    result => {
-                        let storage = result?;
-                        return Ok(self.own(storage));
-                    }
+                    result => return Ok(OwnStorage { storage: result? }),
                 },
                 Occupant::Foreign => return Err(DynamicStorageOpenError::InternalError.into()),
             }
@@ -300,12 +258,6 @@ impl<T: Debug + Send + Sync + ZeroCopySend> NamedConceptMgmt for OwnStorage<T> {
     }
 
     unsafe fn remove_cfg(name: &FileName, config: &Configuration<T>) -> Result<bool, NamedConceptRemoveError> {
-        let of_member =
-            group::of(&config.get_prefix().to_string()).is_some() && is_of_another_user(&path_of(name, config));
-        if of_member {
-            // As in `drop`.
-            return Ok(true);
-        }
         // SAFETY: the caller's promise, that no other process uses the object, is passed on.
         unsafe { Storage::<T>::remove_cfg(name, config) }
     }

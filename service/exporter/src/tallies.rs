@@ -88,7 +88,7 @@ pub(crate) fn read(domain: &Domain) -> Vec<(ImuId, Value)> {
     let mut imus: Vec<_> = files.filter_map(|file| imu(file.file_name().to_str()?)).collect();
     imus.sort();
     let tally = |imu: ImuId| {
-        let text = Note::of_tally(domain, &imu).read_from_members(domain)?;
+        let text = Note::of_tally(domain, &imu).read()?;
         Some((imu, serde_json::from_slice(&text).ok()?))
     };
     imus.into_iter().filter_map(tally).collect()

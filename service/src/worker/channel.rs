@@ -10,7 +10,7 @@ use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use isotherm_client::transport::ports::{self, Incoming, Outgoing, Publisher, Subscriber};
 use isotherm_client::transport::stream::{self, Event, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
-use isotherm_client::{Clock, Payload as _, Rehearsal, RehearsalStreams, open_to_group, subscribers_of};
+use isotherm_client::{Clock, Payload as _, Rehearsal, RehearsalStreams, subscribers_of};
 use isotherm_shared::compensate::answer_into;
 use isotherm_shared::names::Domain;
 use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
@@ -125,8 +125,7 @@ impl Channel {
                 other => CreateError::Other(other.to_string()),
             })
         })?;
-        // Before the publisher: clients take that for readiness.
-        open_to_group(domain);
+        // The last one: clients take it for readiness.
         let publisher = creator.port(&name("increment publisher"), served, || {
             let publisher = CompensatedIncrement::publisher(&increments, 1);
             publisher.map_err(|error| CreateError::of_publisher(error, &increments))
