@@ -12,6 +12,7 @@ use isotherm_support::failure::shown;
 use rustix::fs::OFlags;
 use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
+use std::hash::{BuildHasher as _, RandomState};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
@@ -23,6 +24,10 @@ use std::time::{Duration, Instant, SystemTime};
 const SWEEP_LIMIT: Duration = Duration::from_secs(2);
 /// Pause between two looks of a sweep.
 const SWEEP_PAUSE: Duration = Duration::from_millis(5);
+/// How the name of a note ends that is being written.
+const STAGED: &str = ".staged";
+/// A note is written in less than this time; one that is older was left by a process that was killed meanwhile.
+const STAGED_LIMIT: Duration = Duration::from_secs(60);
 /// Permissions on a file that its group and other users have.
 const OTHERS: u32 = 0o077;
 
@@ -64,6 +69,13 @@ impl OwnFile {
     #[must_use]
     pub fn is_half_created(&self) -> bool {
         self.mode() == 0o200
+    }
+
+    /// Whether it is a note that a process which was killed has left half-written.
+    #[must_use]
+    pub fn is_half_written(&self) -> bool {
+        let is_staged = self.path.as_os_str().as_encoded_bytes().ends_with(STAGED.as_bytes());
+        is_staged && self.age().is_some_and(|age| age > STAGED_LIMIT)
     }
 
     /// Takes the permissions of its group and of other users from it. The transport makes its counter of nodes with all
@@ -214,11 +226,11 @@ impl Note {
     /// # Errors
     /// The operating system's.
     pub fn write(&self, text: &[u8]) -> io::Result<()> {
-        let path = self.path();
-        let staged = self.folder.join(format!("{}.{}", self.name, std::process::id()));
-        let mut file = File::options().write(true).create(true).truncate(true).mode(0o600).open(&staged)?;
-        file.set_permissions(Permissions::from_mode(0o600))?;
-        let written = file.write_all(text).and_then(|()| fs::rename(&staged, path));
+        // A name that nobody else can know before.
+        let word = RandomState::new().hash_one(std::process::id());
+        let staged = self.folder.join(format!("{}.{word:016x}{STAGED}", self.name));
+        let mut file = File::options().write(true).create_new(true).mode(0o600).open(&staged)?;
+        let written = file.write_all(text).and_then(|()| fs::rename(&staged, self.path()));
         // A folder that is full needs no half of it.
         written.inspect_err(|_| _ = fs::remove_file(&staged))
     }

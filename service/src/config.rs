@@ -35,11 +35,11 @@ impl Strategy {
     }
 }
 
-/// What the service does at its start with an IMU whose table file cannot be taken, where a table is kept that was in
-/// force before.
+/// What the service does at its start with a table file or a configuration that cannot be used, where one is kept that
+/// was in use before.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub enum AtStart {
-    /// It serves the kept table.
+    /// It uses what is kept.
     #[default]
     Keep,
     /// It ends.
@@ -126,14 +126,16 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Reads a configuration file. Paths in it are relative to its folder.
+    /// Reads a configuration file, and returns its text, too. Paths in it are relative to its folder.
     ///
     /// # Errors
     /// Everything that is wrong with the file.
-    pub fn load(path: &Path, trust: Trust) -> Result<Self, LoadError> {
+    pub fn load(path: &Path, trust: Trust) -> Result<(Self, String), LoadError> {
         let (text, _) = read_text(path, trust)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::from_toml(&text, folder).map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })
+        let config = Self::from_toml(&text, folder);
+        let config = config.map_err(|faults| LoadError::Refused { path: path.to_owned(), faults })?;
+        Ok((config, text))
     }
 
     /// How many worker threads serve the IMUs.

@@ -5,6 +5,7 @@
 //! to say comes as an event.
 
 use crate::config::Config;
+use crate::config_source::{ConfigFile, ConfigSource};
 use crate::crash;
 use crate::early_death::StartMark;
 use crate::events::{EventQueue, EventSet};
@@ -14,7 +15,7 @@ use crate::leftovers::Leftovers;
 use crate::lock::DomainLock;
 use crate::logging::DroppedLines;
 use crate::reload::{TICK, TableFiles};
-use crate::startup::{ServeOptions, ServiceParts, Startup, stop_all};
+use crate::startup::{ServiceParts, Startup, stop_all};
 use crate::status::{StatusPublisher, imu_status};
 use crate::systemd::{ServiceManager, has_supervisor};
 use crate::threads::{self, HeartbeatChange, WorkerThread};
@@ -47,6 +48,8 @@ const KEEP_LIMIT: Duration = Duration::from_millis(300);
 const START_END_LIMIT: Duration = Duration::from_millis(700);
 /// How long the service manager is informed that tables are being reloaded, if a disk does not answer.
 const RELOAD_LIMIT: Duration = Duration::from_secs(5);
+/// So often it is logged that the configuration in use is not that of its file.
+const CONFIGURATION_LOG_INTERVAL: Duration = Duration::from_secs(60);
 /// How a service has ended.
 #[derive(Debug)]
 pub(crate) enum ServiceEnd {
@@ -56,20 +59,17 @@ pub(crate) enum ServiceEnd {
     BeginsAnew(DomainLock),
 }
 
-/// Runs the service until SIGTERM or SIGINT. `load` reads the configuration; it may wait for a disk.
+/// Runs the service until SIGTERM or SIGINT. If `allow_uncalibrated`, an IMU whose table does not exist yet is served
+/// without one.
 ///
 /// # Errors
 /// Why it could not start or continue.
-pub(crate) fn run(
-    domain: &Domain,
-    load: impl FnOnce() -> Result<Config, Failure> + Send + 'static,
-    options: ServeOptions,
-) -> Result<ServiceEnd, Failure> {
+pub(crate) fn run(domain: &Domain, source: ConfigSource, allow_uncalibrated: bool) -> Result<ServiceEnd, Failure> {
     let events = Arc::<EventQueue>::default();
     forward_signals(&events)?;
     raise_descriptor_limit();
     let mut startup = Startup::new();
-    match startup.start(domain, load, options, &events)? {
+    match startup.start(domain, source, allow_uncalibrated, &events)? {
         Some((config, parts)) => Service::new(domain, &config, parts, startup, events)?.run(),
         None => {
             info!("stopped while starting");
@@ -87,12 +87,15 @@ struct LogState {
     unpublished: bool,
     /// Folders of tables whose disk does not answer.
     silent_folders: Vec<PathBuf>,
+    /// When it was logged last that the file of the configuration is not in use.
+    configuration: Option<Instant>,
     dropped_lines: DroppedLines,
 }
 
 struct Service<'a> {
     domain: &'a Domain,
     config: &'a Config,
+    config_file: Option<ConfigFile>,
     started: Instant,
     started_unix_s: f64,
     unix_clock: UnixClock,
@@ -124,7 +127,7 @@ impl<'a> Service<'a> {
         startup: Startup,
         events: Arc<EventQueue>,
     ) -> Result<Self, Failure> {
-        let ServiceParts { lock, mark, node, publisher, workers, imus, files, keeper } = parts;
+        let ServiceParts { lock, mark, node, publisher, workers, imus, files, keeper, config_file } = parts;
         let Startup { started, mut manager, .. } = startup;
         events.start();
         manager.ready();
@@ -136,9 +139,13 @@ impl<'a> Service<'a> {
             pid = std::process::id(),
             "ready"
         );
+        if let Some(file) = config_file.clone().filter(|file| file.refused.is_none()) {
+            keeper.keep_configuration(file);
+        }
         Ok(Self {
             domain,
             config,
+            config_file,
             started,
             started_unix_s: unix_s() - started.elapsed().as_secs_f64(),
             unix_clock: UnixClock::new(),
@@ -162,13 +169,17 @@ impl<'a> Service<'a> {
     fn run(mut self) -> Result<ServiceEnd, Failure> {
         let (mut next_tick, mut next_status, mut next_housekeeping) = (self.started, self.started, self.started);
         loop {
-            let EventSet { stop, load_all, files, kept, .. } = self.events.wait(next_tick);
+            let EventSet { stop, load_all, files, memories, kept } = self.events.wait(next_tick);
             if let Some(signal) = stop {
                 info!("{}: stopping", if signal == SIGINT { "SIGINT" } else { "SIGTERM" });
                 return self.stop().map(|_| ServiceEnd::Stopped);
             }
             if load_all {
                 self.load_all();
+            }
+            for (imu, memory) in memories {
+                let request = self.imus[imu].recall(memory);
+                self.keep(imu, request);
             }
             for (imu, report) in files {
                 let is_requested = report.is_requested;
@@ -254,6 +265,7 @@ impl<'a> Service<'a> {
         if let Some(step_ns) = self.unix_clock.look() {
             info!("Unix time was set by {:+.6} s; increments do not follow it", step_ns as f64 / 1e9);
         }
+        self.log_configuration();
         self.log_silent_folders();
         self.logged.dropped_lines.report();
         if self.mark.as_mut().is_some_and(StartMark::remove_after_a_second) {
@@ -273,6 +285,16 @@ impl<'a> Service<'a> {
             }
         }
         self.manager.status(&summary(&self.imus));
+    }
+
+    /// Logs once a minute that the configuration in use is not that of its file.
+    fn log_configuration(&mut self) {
+        if let Some(warning) = self.config_file.as_ref().and_then(ConfigFile::warning)
+            && self.logged.configuration.is_none_or(|logged| logged.elapsed() >= CONFIGURATION_LOG_INTERVAL)
+        {
+            self.logged.configuration = Some(Instant::now());
+            error!("{warning}");
+        }
     }
 
     /// Logs each folder of tables whose disk does not answer, once until it does.
@@ -315,6 +337,8 @@ impl<'a> Service<'a> {
     fn status(&self) -> ServiceStatus {
         ServiceStatus {
             domain: self.domain.into(),
+            configuration_file: self.config_file.as_ref().map(|file| file.path.display().to_string()),
+            configuration_error: self.config_file.as_ref().and_then(|file| file.refused.clone()),
             pid: std::process::id(),
             pid_namespace: pid_namespace(),
             clock_offset_ns: clock_offset_ns(),

@@ -10,7 +10,7 @@
 
 use crate::acceptance::Acceptance;
 use crate::config::Imu;
-use crate::memory::KeptTables;
+use crate::memory::{ForgottenTable, KeptTables};
 use isotherm_client::{Domain, ImuId};
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
@@ -39,15 +39,6 @@ pub(crate) struct TableAdmission {
     pub words: String,
     /// Whether the operator has accepted its digest, and it would have been refused without that.
     accepted: bool,
-}
-
-/// Why a table may not be taken.
-#[derive(Clone, Debug, Eq, PartialEq)]
-pub(crate) struct TableRefusal {
-    /// Each curve with both values and the limit, and the remedy.
-    pub reason: String,
-    /// Whether it is the table of another device than the one in force: both have serial numbers, and they differ.
-    pub is_other_device: bool,
 }
 
 impl Guard {
@@ -83,11 +74,7 @@ impl Guard {
     ///
     /// # Errors
     /// Why it must not be taken.
-    pub(crate) fn admit(
-        &self,
-        table: &CoefficientTable,
-        accepted: &[Acceptance],
-    ) -> Result<TableAdmission, TableRefusal> {
+    pub(crate) fn admit(&self, table: &CoefficientTable, accepted: &[Acceptance]) -> Result<TableAdmission, String> {
         if let Some(forgotten) = &self.memory.forgotten {
             return self.admit_without_memory(table, forgotten, accepted);
         }
@@ -103,10 +90,7 @@ impl Guard {
         let refusals = self.refusals(reference, &difference, table);
         let accepted = !refusals.is_empty() && is_accepted(table.digest(), accepted);
         if !refusals.is_empty() && !accepted {
-            let serials = [reference, table].map(|table| table.content().serial.as_ref());
-            let is_other_device = serials[0] != serials[1] && !serials.contains(&None) && difference.changes_a_curve();
-            let reason = self.refusal(&refusals, reference.digest(), table.digest());
-            return Err(TableRefusal { reason, is_other_device });
+            return Err(self.refusal(&refusals, reference.digest(), table.digest()));
         }
         let words = format!("{difference}{}", if accepted { "; accepted by its digest" } else { "" });
         Ok(TableAdmission { changes: difference.changes, words, accepted })
@@ -116,22 +100,26 @@ impl Guard {
     fn admit_without_memory(
         &self,
         table: &CoefficientTable,
-        forgotten: &str,
+        forgotten: &ForgottenTable,
         accepted: &[Acceptance],
-    ) -> Result<TableAdmission, TableRefusal> {
+    ) -> Result<TableAdmission, String> {
         let digest = table.digest().to_string();
         let accepted = is_accepted(table.digest(), accepted);
-        if accepted || digest == forgotten {
+        if accepted || forgotten.digest.as_ref() == Some(&digest) {
             let how = if accepted { "accepted by its digest" } else { "the same as before, by its digest" };
             let words = format!("{how}; the tables that were in force before cannot be read");
             return Ok(TableAdmission { changes: Vec::new(), words, accepted });
         }
         let imu = &self.imu;
-        let reason = format!(
-            "the table that was in force last, {forgotten}, was kept and cannot be read any more, so this one cannot be compared with it; \
-             bring that table back, or accept this one with the command `reload --imu {imu} --accept {digest}`"
-        );
-        Err(TableRefusal { reason, is_other_device: false })
+        let last = forgotten.digest.as_deref().unwrap_or("which is not known");
+        let why = match forgotten.is_pending {
+            true => "cannot be read, since the disk of the state folder does not answer",
+            false => "was kept and cannot be read any more",
+        };
+        Err(format!(
+            "the table that was in force last, {last}, {why}, so this one cannot be compared with it; bring that table back, or accept this \
+             one with the command `reload --imu {imu} --accept {digest}`"
+        ))
     }
 
     /// Why a table that differs so from the one in force last is refused; empty if it may be taken.
@@ -177,6 +165,14 @@ impl Guard {
     pub(crate) fn taken(&mut self, table: &Arc<CoefficientTable>, admission: TableAdmission) {
         self.changes = admission.changes;
         self.memory.take(table, admission.accepted);
+    }
+
+    /// Takes in what the state folder has, which was not known before. What is in force stays.
+    pub(crate) fn recall(&mut self, memory: KeptTables, accepted: &[Acceptance]) {
+        let in_force = std::mem::replace(&mut self.memory, memory).in_force;
+        if let Some(in_force) = in_force {
+            self.memory.take(&in_force, is_accepted(in_force.digest(), accepted));
+        }
     }
 
     /// Makes the table in force the anchor, if its digest is among what the operator accepts. Returns whether that is
@@ -229,7 +225,7 @@ mod tests {
             Self { folder, guard: Guard::new(&imu, &domain, memory) }
         }
 
-        fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, TableRefusal> {
+        fn take(&mut self, table: &Arc<CoefficientTable>) -> Result<String, String> {
             let admission = self.guard.admit(table, &self.guard.accepted())?;
             let words = admission.words.clone();
             self.guard.taken(table, admission);
@@ -256,9 +252,9 @@ mod tests {
         }
         let refusal = guarded.take(&raised(310.0)).unwrap_err();
         let anchor = raised(0.0).digest().to_string();
-        assert!(refusal.reason.contains("A1 bias changes by 309837 ug0"), "{}", refusal.reason);
+        assert!(refusal.contains("A1 bias changes by 309837 ug0"), "{}", refusal);
         assert!(
-            refusal.reason.contains(&format!(
+            refusal.contains(&format!(
                 "at most 300 mg0 is taken (max_change.bias), in all steps since the anchor, {anchor}"
             ))
         );
@@ -289,43 +285,64 @@ mod tests {
         let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(&whole)).unwrap();
         let lost = guarded.take(&without).unwrap_err();
-        assert!(lost.reason.starts_with("the table before has gyroscopes, and this one has none"), "{}", lost.reason);
+        assert!(lost.starts_with("the table before has gyroscopes, and this one has none"), "{}", lost);
         guarded.accept(&without);
         guarded.take(&without).unwrap();
         let gained = guarded.take(&tenfold).unwrap_err();
-        assert!(gained.reason.contains("G1 positive_scale_factor changes by"), "{}", gained.reason);
-        assert!(gained.reason.contains("compared with the last table that had gyroscopes, "), "{}", gained.reason);
-        assert!(!guarded.take(&table(&whole)).unwrap_err().reason.contains("G1"));
+        assert!(gained.contains("G1 positive_scale_factor changes by"), "{}", gained);
+        assert!(gained.contains("compared with the last table that had gyroscopes, "), "{}", gained);
+        assert!(!guarded.take(&table(&whole)).unwrap_err().contains("G1"));
     }
 
     #[test]
-    fn another_device_is_one_with_another_serial_number_and_other_curves() {
+    fn a_serial_number_may_change_unless_curves_do() {
         let (own, other) = (with_serial(TABLE, "7"), with_serial(TABLE, "8"));
-        let bent = |text: &str| table(&text.replace("c0 = 793.55", "c0 = 800.0"));
-        let far = |text: &str| table(&text.replace("91733.0", "9173.0"));
         let mut guarded = GuardedImu::new(KeptTables::default());
         guarded.take(&table(&own)).unwrap();
-        assert!(guarded.take(&bent(&other)).unwrap_err().is_other_device);
-        assert!(!guarded.take(&far(&own)).unwrap_err().is_other_device);
-        assert!(!guarded.take(&far(TABLE)).unwrap_err().is_other_device);
+        let exchanged = guarded.take(&table(&other.replace("c0 = 793.55", "c0 = 800.0"))).unwrap_err();
+        assert!(exchanged.contains("imu.serial"), "{exchanged}");
         assert!(guarded.take(&table(&other)).unwrap().contains("serial 7 -> 8"));
-        let mut guarded = GuardedImu::new(KeptTables::default());
-        guarded.take(&table(TABLE)).unwrap();
-        assert!(!guarded.take(&bent(&own)).unwrap_err().is_other_device, "its number was not known");
     }
 
     #[test]
     fn a_memory_that_was_taken_away_admits_only_what_was_in_force() {
-        let digest = table(TABLE).digest().to_string();
-        let mut guarded = GuardedImu::new(KeptTables { forgotten: Some(digest.clone()), ..KeptTables::default() });
+        let forgotten = |digest: Option<&Arc<CoefficientTable>>| KeptTables {
+            forgotten: Some(ForgottenTable {
+                digest: digest.map(|table| table.digest().to_string()),
+                is_pending: false,
+            }),
+            ..KeptTables::default()
+        };
+        let mut guarded = GuardedImu::new(forgotten(Some(&table(TABLE))));
         let refusal = guarded.take(&raised(1.0)).unwrap_err();
-        assert!(refusal.reason.contains(&format!("in force last, {digest}, was kept and cannot be read")));
+        assert!(
+            refusal.contains(&format!("in force last, {}, was kept and cannot be read", table(TABLE).digest())),
+            "{refusal}"
+        );
         assert!(guarded.take(&table(TABLE)).unwrap().starts_with("the same as before, by its digest"));
         // From now on it is known again.
         guarded.take(&raised(1.0)).unwrap();
-        let mut guarded = GuardedImu::new(KeptTables { forgotten: Some(digest), ..KeptTables::default() });
-        guarded.accept(&raised(900.0));
-        guarded.take(&raised(900.0)).unwrap();
-        assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+        for digest in [Some(table(TABLE)), None] {
+            let mut guarded = GuardedImu::new(forgotten(digest.as_ref()));
+            guarded.take(&raised(900.0)).unwrap_err();
+            guarded.accept(&raised(900.0));
+            guarded.take(&raised(900.0)).unwrap();
+            assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+        }
+    }
+
+    #[test]
+    fn a_memory_that_comes_late_has_the_anchor_and_the_table_in_force_stays() {
+        let mut kept = KeptTables::default();
+        kept.take(&raised(0.0), false);
+        kept.take(&raised(90.0), false);
+        let digest = Some(raised(90.0).digest().to_string());
+        let forgotten = Some(ForgottenTable { digest, is_pending: true });
+        let mut guarded = GuardedImu::new(KeptTables { forgotten, ..KeptTables::default() });
+        guarded.take(&raised(90.0)).unwrap();
+        assert_eq!(guarded.guard.anchor().unwrap().0, raised(90.0).digest());
+        guarded.guard.recall(kept, &[]);
+        assert_eq!(guarded.guard.anchor().unwrap().0, raised(0.0).digest());
+        assert_eq!(guarded.guard.memory().in_force.as_ref().unwrap().digest(), raised(90.0).digest());
     }
 }

@@ -7,6 +7,7 @@ use crate::events::{FileChange, FileReport, KeepOutcome};
 use crate::guard::{Guard, TableAdmission, is_accepted};
 use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
+use crate::memory::KeptTables;
 use crate::session::SessionNote;
 use crate::windows::LatencyWindows;
 use crate::worker::channel::ChannelLink;
@@ -99,10 +100,12 @@ impl PendingImu {
             stream::open_event(node, &stream::arrival_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
         let rehearsal = RehearsalStreams::open(node, &stream::RehearsalNames::of_acquisition(&imu.id))
             .map_err(|error| failed(error.to_string()))?;
+        let is_memory_pending = guard.memory().is_pending();
         let request = first.map(|(table, admission)| {
             guard.taken(&table, admission);
             KeepRequest { memory: guard.memory().clone(), accepted }
         });
+        let request = request.filter(|_| !is_memory_pending);
         let refusals = u64::from(last_error.is_some());
         let state = ImuState {
             imu,
@@ -126,6 +129,7 @@ impl PendingImu {
             logged_refusal: Instant::now(),
             closed: None,
             guard,
+            is_memory_pending,
             kept: None,
             awaits_load: false,
         };
@@ -174,6 +178,8 @@ pub(crate) struct ImuState {
     pub closed: Option<ClosedStatus>,
     /// Compares a new table with the one in force.
     pub guard: Guard,
+    /// Whether it is not known yet what the state folder has. Until then nothing is kept: it would replace that.
+    is_memory_pending: bool,
     /// How keeping the table in force has ended; `None` before it has.
     kept: Option<KeepOutcome>,
     /// Whether its file is to be loaded, as requested.
@@ -345,8 +351,8 @@ impl ImuState {
         let accepted = self.guard.accepted();
         let admission = match self.guard.admit(&table, &accepted) {
             Ok(admission) => admission,
-            Err(refusal) => {
-                self.refuse(TableRefusal::now(refusal.reason, Some(table), modified_unix_s), is_requested);
+            Err(reason) => {
+                self.refuse(TableRefusal::now(reason, Some(table), modified_unix_s), is_requested);
                 return None;
             }
         };
@@ -356,8 +362,34 @@ impl ImuState {
         self.reloads += u64::from(!self.tables.alive.is_empty());
         self.guard.taken(&table, admission);
         self.tables.send(table, modified_unix_s);
+        self.keep_request(accepted)
+    }
+
+    /// What is to be kept now; `None` while it is not known what is kept.
+    fn keep_request(&mut self, accepted: Vec<Acceptance>) -> Option<KeepRequest> {
         self.kept = None;
-        Some(KeepRequest { memory: self.guard.memory().clone(), accepted })
+        (!self.is_memory_pending).then(|| KeepRequest { memory: self.guard.memory().clone(), accepted })
+    }
+
+    /// Takes in what the state folder has, whose disk has answered late. Without a table in force, the file is judged
+    /// again, and the table that was in force last is served if the file is not taken. Returns what is to be kept.
+    pub(crate) fn recall(&mut self, memory: KeptTables) -> Option<KeepRequest> {
+        self.is_memory_pending = false;
+        let accepted = self.guard.accepted();
+        self.guard.recall(memory, &accepted);
+        if !self.tables.alive.is_empty() {
+            return self.keep_request(accepted);
+        }
+        let refused = self.last_error.clone();
+        let of_file = refused.as_ref().and_then(|refused| Some((refused.table.clone()?, refused.modified_unix_s)));
+        if let Some(request) = of_file.and_then(|(table, modified)| self.apply_table(table, modified, false)) {
+            return Some(request);
+        }
+        let reference = self.guard.memory().reference().cloned()?;
+        let request = self.apply_table(reference, None, false);
+        // The file is still not taken.
+        self.last_error = self.last_error.take().or(refused);
+        request
     }
 
     /// Notes why the table file as it is now is not in force.
@@ -384,9 +416,8 @@ impl ImuState {
         let accepted = self.guard.accepted();
         self.guard.take_anchor(&accepted).then(|| {
             info!(imu = %self.imu.id, "the table in force is the anchor now, accepted by its digest");
-            self.kept = None;
-            KeepRequest { memory: self.guard.memory().clone(), accepted }
-        })
+            self.keep_request(accepted)
+        })?
     }
 
     /// Notes how keeping a table has ended.

@@ -1,9 +1,11 @@
-//! Keeps the tables in force in the state folder, in a thread of its own: a disk may take its time.
+//! Keeps the tables in force, and the configuration, in the state folder, in a thread of its own: a disk may take its
+//! time.
 //!
 //! Only the newest request of each IMU waits. A request that fails is tried again until it succeeds or a newer one
 //! replaces it.
 
 use crate::acceptance::Acceptance;
+use crate::config_source::ConfigFile;
 use crate::events::{EventQueue, KeepOutcome};
 use crate::memory::{KeptTables, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
@@ -43,6 +45,8 @@ struct KeeperLink {
 struct KeeperQueue {
     /// By the number of the IMU.
     requests: BTreeMap<usize, KeepRequest>,
+    /// The configuration that is to be kept.
+    configuration: Option<ConfigFile>,
     /// Whether the thread is at work on a request.
     is_busy: bool,
     ended: bool,
@@ -75,9 +79,16 @@ impl Keeper {
         self.link.changed.notify_all();
     }
 
+    /// Requests that the configuration is kept, with which the service has started.
+    pub(crate) fn keep_configuration(&self, file: ConfigFile) {
+        self.link.lock().configuration = Some(file);
+        self.link.changed.notify_all();
+    }
+
     /// Waits until nothing is left to do, but no longer than this.
     pub(crate) fn finish(&self, limit: Duration) {
-        let is_at_work = |queue: &mut KeeperQueue| queue.is_busy || !queue.requests.is_empty();
+        let is_at_work =
+            |queue: &mut KeeperQueue| queue.is_busy || !queue.requests.is_empty() || queue.configuration.is_some();
         // What is not kept then is kept after the next start.
         drop(self.link.changed.wait_timeout_while(self.link.lock(), limit, is_at_work));
     }
@@ -88,6 +99,14 @@ impl Drop for Keeper {
         self.link.lock().ended = true;
         self.link.changed.notify_all();
     }
+}
+
+/// What the thread does next.
+enum KeeperTask {
+    /// Keeps what is in force for the IMU of this number.
+    Table(usize, KeepRequest),
+    /// Keeps a configuration.
+    Configuration(ConfigFile),
 }
 
 struct KeeperThread {
@@ -118,26 +137,30 @@ impl KeeperThread {
             for cause in faults {
                 warn!(%imu, "the table that was in force last cannot be read: {cause}");
             }
-            if let Some(digest) = &memory.forgotten {
+            if let Some(digest) = memory.forgotten.as_ref().and_then(|forgotten| forgotten.digest.as_ref()) {
                 warn!(%imu, "the table {digest} was kept, and is missing now: no other table is taken unless it is accepted");
             }
             self.kept.push(memory.clone());
             self.events.memory(number, memory);
         }
-        while let Some((number, request)) = self.next() {
-            self.keep(number, request);
+        while let Some(task) = self.next() {
+            match task {
+                KeeperTask::Table(number, request) => self.keep(number, request),
+                KeeperTask::Configuration(file) => self.keep_configuration(&file),
+            }
         }
     }
 
     /// Waits for the next request; `None` at the end.
-    fn next(&mut self) -> Option<(usize, KeepRequest)> {
+    fn next(&mut self) -> Option<KeeperTask> {
         let mut queue = self.link.lock();
         queue.is_busy = false;
         self.link.changed.notify_all();
         loop {
-            if let Some(next) = queue.requests.pop_first() {
+            let table = queue.requests.pop_first().map(|(number, request)| KeeperTask::Table(number, request));
+            if let Some(task) = table.or_else(|| queue.configuration.take().map(KeeperTask::Configuration)) {
                 queue.is_busy = true;
-                return Some(next);
+                return Some(task);
             }
             if queue.ended {
                 return None;
@@ -149,7 +172,7 @@ impl KeeperThread {
                     self.link.changed.wait_timeout(queue, RETRY).unwrap_or_else(PoisonError::into_inner);
                 queue = again;
                 if waited.timed_out() && queue.requests.is_empty() {
-                    return self.failed.pop_first();
+                    return self.failed.pop_first().map(|(number, request)| KeeperTask::Table(number, request));
                 }
             }
         }
@@ -181,6 +204,20 @@ impl KeeperThread {
                 self.failed.insert(number, request);
                 self.events.kept(number, KeepOutcome { table, error: Some(error) });
             }
+        }
+    }
+
+    fn keep_configuration(&mut self, file: &ConfigFile) {
+        let stored = match &self.folder {
+            Ok(folder) => folder.store_configuration(&file.path, &file.text).map_err(|error| error.to_string()),
+            Err(cause) => Err((*cause).to_owned()),
+        };
+        if let Err(cause) = stored {
+            warn!(
+                "keeping the configuration {}: {cause}; a start with a damaged one has no other, or an older one; {}",
+                shown(&file.path),
+                remedy()
+            );
         }
     }
 

@@ -86,7 +86,8 @@ impl Leftovers {
     pub(crate) fn sweep(&mut self, node: &IpcNode, ports: &[Port]) {
         for file in domain_files(&self.domain) {
             file.close_to_others();
-            if file.is_half_created() && file.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT) {
+            let is_left = file.is_half_created() && file.age().is_some_and(|age| age > 2 * CREATION_TIMEOUT);
+            if is_left || file.is_half_written() {
                 let _ = fs::remove_file(file.path);
             }
         }

@@ -20,6 +20,7 @@ mod acceptance;
 pub mod clean;
 pub mod commands;
 pub mod config;
+mod config_source;
 mod control;
 mod crash;
 pub mod create;

@@ -8,13 +8,17 @@
 //! | `IMU.anchor.toml` | the anchor: the table of the first start, or the last one that was accepted by its digest |
 //! | `IMU.gyroscopes.toml` | the last table with gyroscopes, while the one in force has none |
 //!
+//! `configuration.WORD.toml` is the text of the last configuration with which the service has started. The word stands
+//! for the path of its file.
+//!
 //! What another user could have written or taken away is not believed.
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_files::{Trust, load_table, replace, uninterrupted};
+use isotherm_files::{Trust, load_table, read_text, replace, uninterrupted};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::shown;
 use rustix::fs::{FsWord, statfs};
+use sha2::{Digest as _, Sha256};
 use std::fs::{self, DirBuilder, File};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
@@ -30,14 +34,35 @@ pub(crate) struct KeptTables {
     pub anchor: Option<Arc<CoefficientTable>>,
     /// The last table with gyroscopes, if the one in force has none.
     pub gyroscopes: Option<Arc<CoefficientTable>>,
-    /// Digest of the table that was kept last and cannot be read any more.
-    pub forgotten: Option<String>,
+    /// The table that was kept last, if it cannot be read.
+    pub forgotten: Option<ForgottenTable>,
+}
+
+/// A table that was in force last and cannot be read. Only a table of its digest, or one that is accepted, may follow.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(crate) struct ForgottenTable {
+    /// Its digest by the note in the domain's folder; `None` if there is no note.
+    pub digest: Option<String>,
+    /// Whether the disk of the state folder has not answered, so that it may still come.
+    pub is_pending: bool,
 }
 
 impl KeptTables {
+    /// What is known of an IMU while the disk of the state folder does not answer.
+    pub(crate) fn pending(domain: &Domain, imu: &ImuId) -> Self {
+        let forgotten = Some(ForgottenTable { digest: noted_digest(domain, imu), is_pending: true });
+        Self { forgotten, ..Self::default() }
+    }
+
+    /// Whether the disk of the state folder has not answered.
+    pub(crate) fn is_pending(&self) -> bool {
+        self.forgotten.as_ref().is_some_and(|forgotten| forgotten.is_pending)
+    }
+
     /// The table to compare a new one with, and to serve where there is no other.
     pub(crate) fn reference(&self) -> Option<&Arc<CoefficientTable>> {
-        self.in_force.as_ref().or(self.anchor.as_ref())
+        let anchor = self.anchor.as_ref().filter(|_| self.forgotten.is_none());
+        self.in_force.as_ref().or(anchor)
     }
 
     /// Whether the table in force is the anchor.
@@ -101,22 +126,51 @@ impl StateFolder {
             }
         };
         let in_force = read(&format!("{imu}.toml"));
-        let is_removed = in_force.is_none() && self.is_removed(&format!("{imu}.toml"));
-        if is_removed {
-            // By this user: nobody else may write the folder. What lies next to it is of no use any more.
-            return (KeptTables::default(), faults);
-        }
         let anchor = read(&format!("{imu}.anchor.toml")).or_else(|| in_force.clone());
         let gyroscopes = read(&format!("{imu}.gyroscopes.toml"));
         let gyroscopes =
             gyroscopes.filter(|_| in_force.as_ref().is_some_and(|table| table.content().gyroscopes.is_none()));
-        let forgotten = if in_force.is_none() && anchor.is_none() { forgotten(domain, imu) } else { None };
+        let noted = if in_force.is_none() { noted_digest(domain, imu) } else { None };
+        let forgotten = noted.map(|digest| ForgottenTable { digest: Some(digest), is_pending: false });
         (KeptTables { in_force, anchor, gyroscopes, forgotten }, faults)
     }
 
-    /// Whether the folder can be believed and does not have the file.
-    fn is_removed(&self, name: &str) -> bool {
-        check_owner(&self.0).is_ok() && self.0.join(name).try_exists().is_ok_and(|exists| !exists)
+    /// The text of the configuration that was kept of the file at this path; `None` if there is none that can be
+    /// believed.
+    pub(crate) fn load_configuration(&self, file: &Path) -> Option<String> {
+        check_owner(&self.0).ok()?;
+        read_text(&self.configuration(file), Trust::Any).ok().map(|(text, _)| text)
+    }
+
+    /// Keeps the text of the configuration of the file at this path.
+    ///
+    /// # Errors
+    /// The operating system's; what was kept before is then kept.
+    pub(crate) fn store_configuration(&self, file: &Path, text: &str) -> io::Result<()> {
+        self.make()?;
+        if self.load_configuration(file).as_deref() == Some(text) {
+            return Ok(());
+        }
+        replace(&self.configuration(file), text)
+    }
+
+    /// Where the configuration of the file at this path is kept. No name of an IMU has a dot.
+    fn configuration(&self, file: &Path) -> PathBuf {
+        let hash = Sha256::digest(file.as_os_str().as_encoded_bytes());
+        let word: String = hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        self.0.join(format!("configuration.{word}.toml"))
+    }
+
+    /// Makes the folder, if it is not there, and checks whose it is.
+    fn make(&self) -> io::Result<()> {
+        if !self.0.is_dir() {
+            DirBuilder::new().recursive(true).mode(0o700).create(&self.0)?;
+            if let Some(parent) = self.0.parent() {
+                // Some file systems cannot sync a folder.
+                let _ = File::open(parent).and_then(|parent| parent.sync_all());
+            }
+        }
+        check_owner(&self.0)
     }
 
     /// A table of the folder; `None` if there is none.
@@ -141,14 +195,7 @@ impl StateFolder {
     /// # Errors
     /// The operating system's; what was kept before is then kept.
     pub(crate) fn store(&self, imu: &ImuId, memory: &KeptTables, kept: &KeptTables) -> io::Result<()> {
-        if !self.0.is_dir() {
-            DirBuilder::new().recursive(true).mode(0o700).create(&self.0)?;
-            if let Some(parent) = self.0.parent() {
-                // Some file systems cannot sync a folder.
-                let _ = File::open(parent).and_then(|parent| parent.sync_all());
-            }
-        }
-        check_owner(&self.0)?;
+        self.make()?;
         let files = [
             ("anchor.toml", &memory.anchor, &kept.anchor),
             ("gyroscopes.toml", &memory.gyroscopes, &kept.gyroscopes),
@@ -181,8 +228,8 @@ impl StateFolder {
     }
 }
 
-/// The digest of a table that was kept, by the note in the domain's folder.
-fn forgotten(domain: &Domain, imu: &ImuId) -> Option<String> {
+/// The digest of the table that was kept last, by the note in the domain's folder.
+fn noted_digest(domain: &Domain, imu: &ImuId) -> Option<String> {
     let digest = String::from_utf8(kept_note(domain, imu).read()?).ok()?;
     Some(digest.trim_ascii().to_owned()).filter(|digest| !digest.is_empty())
 }

@@ -1,9 +1,8 @@
 //! Which table each IMU is served with at the start.
 //!
-//! A service that has served once serves again: an IMU whose file is refused, damaged or absent is served with the
-//! table that was in force last. An IMU of which nothing is known is served without a table, if others can be served.
-//! There are three exceptions, in which the service does not start: it is the first start; the configuration asks for
-//! it; or the file is the table of another device, so that the table from before is wrong.
+//! Each IMU is decided by itself. If its file is refused, damaged or absent, it is served with the table that was in
+//! force last; without one its increments are NaN, flagged `no-table`. The service does not start if no IMU can be
+//! served, or if the configuration asks for that.
 
 use crate::config::{AtStart, Config, Imu};
 use crate::events::{FileChange, FileReport};
@@ -23,8 +22,6 @@ enum TableChoice {
     Kept(Failure),
     /// There is nothing to serve.
     Nothing(Failure),
-    /// It is the table of another device than the one that was in force last.
-    OtherDevice(Failure),
 }
 
 /// Chooses the first tables. `reports` says what was found in the files, in the order of the IMUs; `None` if a file has
@@ -38,7 +35,6 @@ pub(crate) fn choose(
     reports: Vec<Option<FileReport>>,
     allow_uncalibrated: bool,
 ) -> Result<Vec<FirstTable>, Failure> {
-    let is_first_start = guards.iter().all(|guard| guard.memory().reference().is_none());
     let chosen = config.imus.iter().zip(guards).zip(reports);
     let chosen: Vec<_> =
         chosen.map(|((imu, guard), report)| choose_one(imu, guard, report, allow_uncalibrated)).collect();
@@ -46,16 +42,13 @@ pub(crate) fn choose(
     let must_exit = |choice: &TableChoice| match choice {
         TableChoice::File | TableChoice::Uncalibrated(_) => false,
         TableChoice::Kept(_) => config.at_start == AtStart::Exit,
-        TableChoice::Nothing(_) => config.at_start == AtStart::Exit || is_first_start || !is_served,
-        TableChoice::OtherDevice(_) => true,
+        TableChoice::Nothing(_) => config.at_start == AtStart::Exit || !is_served,
     };
     let (mut failures, mut tables) = (Vec::new(), Vec::new());
     for (imu, (choice, first)) in config.imus.iter().zip(chosen) {
         let exits = must_exit(&choice);
         match choice {
-            TableChoice::Kept(failure) | TableChoice::Nothing(failure) | TableChoice::OtherDevice(failure) if exits => {
-                failures.push(failure);
-            }
+            TableChoice::Kept(failure) | TableChoice::Nothing(failure) if exits => failures.push(failure),
             choice => log(imu, &choice, &first),
         }
         tables.push(first);
@@ -72,46 +65,36 @@ fn choose_one(
     let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
     let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
     let accepted = guard.accepted();
-    let (failure, table, is_other_device) = match report.map(|report| report.change) {
+    let (failure, table) = match report.map(|report| report.change) {
         Some(FileChange::Loaded(table)) => match guard.admit(&table, &accepted) {
             Ok(admission) => {
                 let table = Some((table, admission));
                 let first = FirstTable { guard, table, modified_unix_s, refused: None, waits: false, accepted };
                 return (TableChoice::File, first);
             }
-            Err(refusal) => {
-                let message = format!("{}: {}", shown(&imu.table), refusal.reason);
-                let failure = Failure::new(Exit::Config, message).at(&imu.table, None);
-                (failure, Some(table), refusal.is_other_device)
+            Err(reason) => {
+                let message = format!("{}: {reason}", shown(&imu.table));
+                // A disk that does not answer may do so at the next start.
+                let exit = if guard.memory().is_pending() { Exit::Io } else { Exit::Config };
+                (Failure::new(exit, message).at(&imu.table, None), Some(table))
             }
         },
-        Some(FileChange::Refused(error)) => (Failure::from(error), None, false),
+        Some(FileChange::Refused(error)) => (Failure::from(error), None),
         Some(FileChange::Unchanged) | None => {
             let message = format!("reading {}: its disk does not answer; see to the disk", shown(&imu.table));
-            (Failure::new(Exit::Io, message).at(&imu.table, None), None, false)
+            (Failure::new(Exit::Io, message).at(&imu.table, None), None)
         }
     };
     let refused = Some(TableRefusal::now(failure.message.clone(), table, modified_unix_s));
     let reference = guard.memory().reference().cloned();
     let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {
-        _ if is_other_device => TableChoice::OtherDevice(exchanged(failure)),
         Some(_) => TableChoice::Kept(failure),
         None if allow_uncalibrated && is_absent => TableChoice::Uncalibrated(failure),
         None => TableChoice::Nothing(failure),
     };
     let waits = matches!(choice, TableChoice::Uncalibrated(_));
     (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: Vec::new() })
-}
-
-/// The failure of a file with the table of another device.
-fn exchanged(failure: Failure) -> Failure {
-    let message = format!(
-        "{}\nthe IMU was exchanged, or the file is not its own: the table that was in force last is of the other device, and is not served \
-         either",
-        failure.message
-    );
-    Failure { message, ..failure }
 }
 
 fn log(imu: &Imu, choice: &TableChoice, first: &FirstTable) {
@@ -127,7 +110,7 @@ fn log(imu: &Imu, choice: &TableChoice, first: &FirstTable) {
             "the table file is not taken, and the table that was in force last is served: {}", line(failure)
         ),
         (TableChoice::Uncalibrated(failure), _) => warn!(imu = %id, "no table yet, serving NaN: {}", line(failure)),
-        (TableChoice::Nothing(failure) | TableChoice::OtherDevice(failure), _) => error!(
+        (TableChoice::Nothing(failure), _) => error!(
             imu = %id, %file,
             "there is no table for this IMU, and the others are served: its increments are NaN, flagged no-table: {}", line(failure)
         ),
@@ -212,7 +195,7 @@ mod tests {
 
     #[test]
     fn beside_a_good_kept_table_no_file_ends_the_start() {
-        for state in [Far, Damaged, Absent, Silent] {
+        for state in [Far, OtherDevice, Damaged, Absent, Silent] {
             assert_eq!(serve(&[(state, true)], AtStart::Keep, false), Ok(vec![(true, true)]), "{state:?}");
             assert!(serve(&[(state, true)], AtStart::Exit, false).is_err(), "{state:?}");
             assert_eq!(
@@ -222,23 +205,23 @@ mod tests {
             );
         }
         assert_eq!(serve(&[(Good, true), (Good, false)], AtStart::Keep, false), Ok(vec![(true, false); 2]));
-        // An IMU that was exchanged: what is kept is wrong, too.
-        assert!(serve(&[(OtherDevice, true)], AtStart::Keep, false).is_err());
         assert_eq!(serve(&[(OtherDevice, false)], AtStart::Keep, false), Ok(vec![(true, false)]));
     }
 
     #[test]
-    fn a_first_start_names_all_faults() {
-        assert_eq!(serve(&[(Damaged, false), (Good, false), (Absent, false)], AtStart::Keep, false), Err(2));
+    fn a_start_that_can_serve_nothing_names_all_faults() {
+        assert_eq!(serve(&[(Damaged, false), (Absent, false)], AtStart::Keep, false), Err(2));
         assert_eq!(serve(&[(Absent, false)], AtStart::Keep, true), Ok(vec![(false, true)]));
         assert_eq!(serve(&[(Absent, false), (Damaged, false)], AtStart::Keep, true), Err(1));
     }
 
     #[test]
     fn an_imu_of_which_nothing_is_known_does_not_stop_the_others() {
-        let known = (Far, true);
-        for state in [Damaged, Absent, Silent] {
-            assert_eq!(serve(&[known, (state, false)], AtStart::Keep, false), Ok(vec![(true, true), (false, true)]));
+        for (state, known) in
+            [Damaged, Absent, Silent].into_iter().zip([(Far, true), (Good, false), (OtherDevice, true)])
+        {
+            let served = serve(&[known, (state, false)], AtStart::Keep, false);
+            assert_eq!(served, Ok(vec![(true, known.0 != Good), (false, true)]), "{state:?}");
             assert!(serve(&[(Good, true), (state, false)], AtStart::Exit, false).is_err());
         }
     }

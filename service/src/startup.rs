@@ -2,6 +2,7 @@
 //! stream is created) -> node -> status stream, which keeps a second service out -> workers with the IMUs' streams.
 
 use crate::config::{Config, Imu, Strategy};
+use crate::config_source::{ConfigError, ConfigFile, ConfigSource, LoadedConfig};
 use crate::early_death::StartMark;
 use crate::events::{EventQueue, EventSet, FileChange, FileReport};
 use crate::guard::Guard;
@@ -17,7 +18,6 @@ use crate::worker::channel::ChannelLink;
 use crate::{create, leftovers, login, start, threads};
 use isotherm_client::transport::stream::IpcNode;
 use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, reserve};
-use isotherm_files::Trust;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -25,21 +25,14 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
-use tracing::warn;
+use tracing::{error, warn};
 
 /// How long a start waits for the table file of an IMU whose table from before is known.
 const FILE_PATIENCE: Duration = Duration::from_secs(2);
+/// How long a start waits for the disk of the state folder.
+const STATE_PATIENCE: Duration = Duration::from_secs(5);
 /// How often a start that waits for a disk asks the service manager for more time, and how much it asks for.
 const EXTENSION: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
-
-/// What the command line says in addition to the configuration.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ServeOptions {
-    /// An IMU whose table does not exist yet is served without one.
-    pub allow_uncalibrated: bool,
-    /// Whether files that everybody may write are taken.
-    pub trust: Trust,
-}
 
 /// The start of a service.
 pub(crate) struct Startup {
@@ -59,6 +52,17 @@ pub(crate) struct ServiceParts {
     pub imus: Vec<ImuState>,
     pub files: TableFiles,
     pub keeper: Keeper,
+    /// The file of the configuration, if there is one.
+    pub config_file: Option<ConfigFile>,
+}
+
+/// What became of a wait.
+enum Waited<T> {
+    Done(T),
+    /// A signal ends the start.
+    Stopped,
+    /// The limit has passed.
+    TooLate,
 }
 
 /// The node, the status stream, the workers, and the IMUs with their streams.
@@ -77,18 +81,18 @@ impl Startup {
     pub(crate) fn start(
         &mut self,
         domain: &Domain,
-        load: impl FnOnce() -> Result<Config, Failure> + Send + 'static,
-        options: ServeOptions,
+        source: ConfigSource,
+        allow_uncalibrated: bool,
         events: &Arc<EventQueue>,
     ) -> Result<Option<(Config, ServiceParts)>, Failure> {
-        let Some(config) = self.wait_for(events, load)? else { return Ok(None) };
-        let config = config?;
+        let trust = source.trust;
+        let Some((config, config_file)) = self.configuration(domain, source, events)? else { return Ok(None) };
         let thread = |error: std::io::Error| Failure::new(Exit::Failed, format!("starting a thread: {error}"));
         let ids = config.imus.iter().map(|imu| imu.id.clone()).collect();
         let keeper = Keeper::start(domain, ids, events).map_err(thread)?;
-        let file = |imu: &Imu| WatchedFile::new(imu.id.clone(), imu.table.clone(), options.trust);
+        let file = |imu: &Imu| WatchedFile::new(imu.id.clone(), imu.table.clone(), trust);
         let files = TableFiles::start(config.imus.iter().map(file).collect(), events).map_err(thread)?;
-        let Some(first_tables) = self.first_tables(domain, &config, options.allow_uncalibrated, events)? else {
+        let Some(first_tables) = self.first_tables(domain, &config, allow_uncalibrated, events)? else {
             return Ok(None);
         };
         check_descriptors(config.imus.len())?;
@@ -98,7 +102,34 @@ impl Startup {
             mark.remove();
             return Ok(None);
         };
-        Ok(Some((config, ServiceParts { lock, mark, node, publisher, workers, imus, files, keeper })))
+        Ok(Some((config, ServiceParts { lock, mark, node, publisher, workers, imus, files, keeper, config_file })))
+    }
+
+    /// The configuration of the file, or the one that was kept of it if it cannot be used; `None` if a signal ends the
+    /// start.
+    fn configuration(
+        &mut self,
+        domain: &Domain,
+        source: ConfigSource,
+        events: &EventQueue,
+    ) -> Result<Option<LoadedConfig>, Failure> {
+        let failure = {
+            let source = source.clone();
+            match self.wait_for(events, None, move || source.load())? {
+                Waited::Done(Ok(loaded)) => return Ok(Some(loaded)),
+                Waited::Done(Err(ConfigError::Final(failure))) => return Err(failure),
+                Waited::Done(Err(ConfigError::Unusable(failure))) => failure,
+                Waited::Stopped | Waited::TooLate => return Ok(None),
+            }
+        };
+        let domain = domain.clone();
+        let message =
+            format!("{}\nthe disk of the state folder, which has the last one, does not answer", failure.message);
+        match self.wait_for(events, Some(STATE_PATIENCE), move || source.load_kept(&domain, failure))? {
+            Waited::Done(kept) => kept.map(Some),
+            Waited::TooLate => Err(Failure::new(Exit::Io, message)),
+            Waited::Stopped => Ok(None),
+        }
     }
 
     /// Joins the domain and opens all streams; `None` if a signal ends the start.
@@ -137,12 +168,14 @@ impl Startup {
         Ok(Some((node, publisher, workers, imus)))
     }
 
-    /// Waits for what is done in a thread of its own; `None` if a signal ends the start.
+    /// Waits for what is done in a thread of its own, for `limit` at most if there is one.
     fn wait_for<T: Send + 'static>(
         &mut self,
         events: &EventQueue,
+        limit: Option<Duration>,
         work: impl FnOnce() -> T + Send + 'static,
-    ) -> Result<Option<T>, Failure> {
+    ) -> Result<Waited<T>, Failure> {
+        let begun = Instant::now();
         let (sender, done) = sync_channel(1);
         let body = move || {
             // Nobody waits for the result of a start that was ended.
@@ -152,19 +185,23 @@ impl Startup {
         thread::Builder::new().name("start".to_owned()).spawn(body).map_err(|error| failed(error.to_string()))?;
         while !events.is_stopped() {
             match done.recv_timeout(Duration::from_millis(20)) {
-                Ok(result) => return Ok(Some(result)),
+                Ok(result) => return Ok(Waited::Done(result)),
+                Err(RecvTimeoutError::Timeout) if limit.is_some_and(|limit| begun.elapsed() >= limit) => {
+                    return Ok(Waited::TooLate);
+                }
                 Err(RecvTimeoutError::Timeout) => self.extend(),
                 Err(RecvTimeoutError::Disconnected) => {
                     return Err(failed("reading the configuration panicked; report this".to_owned()));
                 }
             }
         }
-        Ok(None)
+        Ok(Waited::Stopped)
     }
 
     /// Waits until it is known what was in force before, and what is in the table files, and chooses the first tables.
-    /// A disk that does not answer is not waited for where a table from before can be served. `None` if a signal ends
-    /// the start.
+    /// A disk of table files that does not answer is not waited for where a table from before can be served. The disk
+    /// of the state folder is waited for [`STATE_PATIENCE`]; then the table file is served whose digest is noted in the
+    /// domain's folder. `None` if a signal ends the start.
     fn first_tables(
         &mut self,
         domain: &Domain,
@@ -174,7 +211,7 @@ impl Startup {
     ) -> Result<Option<Vec<FirstTable>>, Failure> {
         let mut memories: BTreeMap<usize, KeptTables> = BTreeMap::new();
         let mut reports: BTreeMap<usize, FileReport> = BTreeMap::new();
-        let (mut patience, begun, mut is_told) = (None, Instant::now(), false);
+        let (mut patience, begun) = (None, Instant::now());
         loop {
             let EventSet { stop, files, memories: read, .. } = events.wait(Instant::now() + TICK);
             if stop.is_some() {
@@ -183,11 +220,7 @@ impl Startup {
             memories.extend(read);
             reports.extend(files);
             self.extend();
-            if memories.len() < config.imus.len() {
-                if !is_told && begun.elapsed() >= FILE_PATIENCE {
-                    is_told = true;
-                    warn!("the disk of the state folder does not answer; the service starts when it does");
-                }
+            if memories.len() < config.imus.len() && begun.elapsed() < STATE_PATIENCE {
                 continue;
             }
             let patience = *patience.get_or_insert_with(|| Instant::now() + FILE_PATIENCE);
@@ -201,8 +234,17 @@ impl Startup {
                 break;
             }
         }
-        let guards = config.imus.iter().zip(memories.into_values());
-        let guards = guards.map(|(imu, memory)| Guard::new(imu, domain, memory)).collect();
+        if memories.len() < config.imus.len() {
+            error!(
+                "the disk of the state folder does not answer: without the tables from before, an IMU is served only with the table file \
+                 whose digest was noted, or one that was accepted"
+            );
+        }
+        let guards = config.imus.iter().enumerate().map(|(number, imu)| {
+            let memory = memories.remove(&number).unwrap_or_else(|| KeptTables::pending(domain, &imu.id));
+            Guard::new(imu, domain, memory)
+        });
+        let guards = guards.collect();
         let reports = (0..config.imus.len()).map(|imu| reports.remove(&imu)).collect();
         start::choose(config, guards, reports, allow_uncalibrated).map(Some)
     }

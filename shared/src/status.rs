@@ -54,6 +54,13 @@ described! {
 pub struct ServiceStatus {
     /// The domain, with all that another process needs to join it.
     pub domain: DomainStatus,
+    /// The file of the configuration; null without one.
+    #[serde(default)]
+    pub configuration_file: Option<String>,
+    /// Why that file was refused at the start, so that the last configuration with which the service has started is in
+    /// use; null if the file is.
+    #[serde(default)]
+    pub configuration_error: Option<String>,
     /// Process id of the service, in its pid namespace.
     pub pid: u32,
     /// Number of the service's pid namespace, as `ls -l /proc/self/ns/pid` shows it; 0 if it is not known.

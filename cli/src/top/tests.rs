@@ -74,6 +74,8 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
 fn status(ids: &[&str], seconds: u64) -> ServiceStatus {
     ServiceStatus {
         domain: DomainStatus { name: "lab".to_owned(), prefix: String::new(), root_path: String::new() },
+        configuration_file: None,
+        configuration_error: None,
         pid: 4711,
         pid_namespace: 0,
         clock_offset_ns: 0,

@@ -70,6 +70,8 @@ metrics! {
         "Samples that the last acquisition to close with a loss had sent without getting their increments.";
     ---
     BUILD = gauge "isotherm_build_info" [version] "Version of the service; always 1.";
+    CONFIGURATION = gauge "isotherm_configuration_refused" []
+        "Whether the file of the configuration was refused at the start, so that the last one that worked is in use: 0 or 1.";
     SERVICE = gauge "isotherm_service_info" [domain, wait] "Domain and waiting strategy of the service; always 1.";
     BUDGET = gauge "isotherm_latency_budget_seconds" [] "Latency over which an increment is flagged late.";
     LOCKED = gauge "isotherm_memory_locked_bytes" [] "Memory of the service that is kept resident.";
@@ -138,6 +140,7 @@ fn service(text: &mut MetricsText, status: &ServiceStatus) {
     text.sample(SERVICE.name, &[("domain", &status.domain.name), ("wait", &status.wait)], 1);
     text.single(BUDGET, Some(format!("{:e}", status.budget_us / 1e6)));
     text.single(LOCKED, Some(status.memory_locked_kb * 1024));
+    text.single(CONFIGURATION, Some(u8::from(status.configuration_error.is_some())));
 }
 
 fn flags(text: &mut MetricsText, status: &ServiceStatus) {

@@ -1,9 +1,11 @@
 //! `reload`: takes a table that the service refuses because it changes too much.
 
 use crate::acceptance::Acceptance;
+use crate::config::Config;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
-use isotherm_shared::status::ImuStatus;
+use isotherm_files::Trust;
+use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_support::failure::{Exit, Failure, one_line, tell};
 use std::path::Path;
 use std::thread;
@@ -77,6 +79,7 @@ impl Reload {
             match taken {
                 Some(ImuStatus { table_kept: true, .. }) => {
                     tell("isotherm", format_args!("{imu}: {accept} is in force, and kept"));
+                    judge_configuration(&status);
                     return Ok(());
                 }
                 Some(ImuStatus { keep_error: Some(error), .. }) => return Err(not_kept(&imu, error)),
@@ -97,6 +100,20 @@ impl Reload {
                 _ => thread::sleep(Duration::from_millis(20)),
             }
         }
+    }
+}
+
+/// Judges the file of the configuration as it is now, if the service runs with the one that was kept of it.
+fn judge_configuration(status: &ServiceStatus) {
+    let (Some(file), Some(_)) = (&status.configuration_file, &status.configuration_error) else { return };
+    match Config::load(Path::new(file), Trust::Protected) {
+        Ok(_) => tell("isotherm", format_args!("{} is valid now; restart the service to use it", one_line(file))),
+        Err(error) => tell(
+            "isotherm",
+            format_args!(
+                "warning: the service runs with the last configuration that worked, since this one is refused: {error}"
+            ),
+        ),
     }
 }
 

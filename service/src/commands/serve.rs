@@ -1,17 +1,16 @@
 //! `serve`: runs the service.
 
-use crate::config::{Config, Imu, MAX_IMUS};
+use crate::config_source::ConfigSource;
 use crate::control::{self, ServiceEnd};
 use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
-use crate::startup::ServeOptions;
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::Trust;
 use isotherm_support::failure::{Exit, Failure};
 use std::env;
 use std::os::unix::process::CommandExt as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 /// Run the compensation service until SIGTERM or SIGINT
@@ -55,8 +54,8 @@ impl Serve {
         logging::start(self.log_format);
         let Self { config, imu, allow_uncalibrated, allow_world_writable, .. } = self;
         let trust = Trust::owned_unless(allow_world_writable);
-        let load = move || configuration(config.as_deref(), imu, trust);
-        match control::run(domain, load, ServeOptions { allow_uncalibrated, trust })? {
+        let source = ConfigSource { file: config, imus: imu, trust };
+        match control::run(domain, source, allow_uncalibrated)? {
             ServiceEnd::Stopped => Ok(()),
             ServiceEnd::BeginsAnew(lock) => Err(begin_anew(&lock)),
         }
@@ -77,26 +76,6 @@ fn begin_anew(lock: &DomainLock) -> Failure {
         Err(error) => error,
     };
     Failure::new(Exit::Failed, format!("restarting: executing this program again: {error}; start the service"))
-}
-
-/// The configuration of a file and the command line.
-fn configuration(path: Option<&Path>, imus: Vec<(ImuId, PathBuf)>, trust: Trust) -> Result<Config, Failure> {
-    let mut config = match path {
-        Some(path) => Config::load(path, trust)?,
-        None => Config::default(),
-    };
-    for (id, table) in imus {
-        if config.imus.iter().any(|known| known.id == id) {
-            return Err(Failure::new(Exit::Usage, format!("IMU {id} is given twice; give every IMU once")));
-        }
-        config.imus.push(Imu::new(id, table, config.max_change));
-    }
-    if config.imus.is_empty() || config.imus.len() > MAX_IMUS {
-        let message =
-            format!("{} IMUs to serve; give one to {MAX_IMUS} with --imu ID=TABLE or --config FILE", config.imus.len());
-        return Err(Failure::new(Exit::Usage, message));
-    }
-    Ok(config)
 }
 
 fn imu(text: &str) -> Result<(ImuId, PathBuf), String> {

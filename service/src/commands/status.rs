@@ -69,6 +69,14 @@ fn describe(status: &ServiceStatus) -> String {
         status.wait,
         status.budget_us
     );
+    if let (Some(file), Some(error)) = (&status.configuration_file, &status.configuration_error) {
+        let _ = writeln!(
+            text,
+            "REFUSED      the configuration {}; the last one that worked is in use:\n             {}",
+            one_line(file),
+            error.replace('\n', "\n             ")
+        );
+    }
     if status.memory_locked_kb > 0 {
         let _ = writeln!(text, "memory locked: {} kB", status.memory_locked_kb);
     }

@@ -184,11 +184,8 @@ fn each_imu_is_judged_by_itself() {
     domain.write("imu-a.toml", TABLE);
     domain.write("imu-b.toml", "format = 1\n");
     let both = ["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"];
-    // At a first start all faults are reported.
-    let output = domain.run(&[&["serve"], &both[..]].concat());
-    assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
-    domain.serve(&both[..2]).terminate();
-    // An IMU of which nothing is known is served without a table, together with one that can be served.
+    // An IMU of which nothing is known is served without a table, together with one that can be served; at a first start,
+    // too.
     let service = domain.serve(&both);
     assert!(service.log().contains("there is no table for this IMU, and the others are served"), "{}", service.log());
     let increment = round_trip(&mut domain.acquisition("imu-b"), &recording()[0]);
@@ -215,21 +212,22 @@ fn each_imu_is_judged_by_itself() {
 }
 
 #[test]
-fn an_imu_that_was_exchanged_is_not_served_with_the_table_of_the_other() {
+fn an_imu_whose_file_is_that_of_another_device_is_served_with_its_own_table() {
     let domain = TestDomain::new();
     let of_unit = |serial: &str, text: &str| text.replacen("[imu]\n", &format!("[imu]\nserial = \"{serial}\"\n"), 1);
     let (first, second) = (of_unit("7", TABLE), of_unit("8", &TABLE.replace("c0 = 793.55", "c0 = 790.0")));
     domain.write("imu-a.toml", &first);
     domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
     domain.write("imu-a.toml", &second);
-    let output = domain.run(&["serve", "--imu", "imu-a=imu-a.toml"]);
-    let words = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(78), "{words}");
+    domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    let both = ["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"];
+    let service = domain.serve(&both);
+    assert_eq!(in_force(&domain), digest(&first));
+    assert!(domain.status()["imus"][1]["table"].is_string(), "the other one is served");
+    let words = domain.imu_status()["last_reload_error"].as_str().unwrap().to_owned();
     assert!(words.contains("imu.serial: it was \"7\", now it is \"8\", and the curves change too"), "{words}");
-    assert!(words.contains("the IMU was exchanged, or the file is not its own: "), "{words}");
     assert!(words.contains(&format!("`reload --imu imu-a --accept {}`", digest(&second))), "{words}");
     reload(&domain, "isothermd", &digest(&second), 0);
-    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     assert_eq!(in_force(&domain), digest(&second));
     // A number that is corrected changes no curve.
     let corrected = second.replace("\"8\"", "\"8b\"");
@@ -300,12 +298,94 @@ fn a_memory_that_was_taken_away_is_missed() {
     assert!(text(&output.stderr).contains("was kept and cannot be read any more"), "{}", text(&output.stderr));
     reload(&domain, "isothermd", &digest(&variant(1)), 0);
     domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
-    // A file that is removed from a folder of the own user is what the page on operating recommends.
+    // Removing only the kept table is no way round: that IMU has no table until its file is accepted, and the others are
+    // served.
     domain.write("imu-a.toml", &lost_digit());
-    fs::remove_file(state.join(domain.client_domain().name()).join("imu-a.toml")).unwrap();
-    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
-    assert!(service.log().contains("it is not known which table was in force before"), "{}", service.log());
+    domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    let folder = state.join(domain.client_domain().name());
+    for anchor in [true, false] {
+        fs::remove_file(folder.join("imu-a.toml")).unwrap();
+        if !anchor {
+            fs::remove_file(folder.join("imu-a.anchor.toml")).unwrap();
+        }
+        let service = domain.serve(&["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"]);
+        let status = domain.status();
+        assert!(status["imus"][0]["table"].is_null() && status["imus"][1]["table"].is_string(), "{status}");
+        let increment = round_trip(&mut domain.acquisition("imu-a"), &recording()[0]);
+        assert!(Flags(increment.flags).intersects(Flags::NO_TABLE) && increment.velocity_increment[0].is_nan());
+        let (accepted, next) = if anchor { (lost_digit(), variant(2)) } else { (variant(2), variant(2)) };
+        reload(&domain, "isothermd", &digest(&accepted), 0);
+        assert_eq!(in_force(&domain), digest(&accepted));
+        service.terminate();
+        domain.write("imu-a.toml", &next);
+    }
+}
+
+/// A configuration of these IMUs.
+fn configuration(imus: &[&str]) -> String {
+    imus.iter().map(|imu| format!("[[imu]]\nid = \"{imu}\"\ntable = \"{imu}.toml\"\n")).collect()
+}
+
+#[test]
+fn a_configuration_that_is_half_edited_does_not_end_the_service() {
+    let domain = TestDomain::new();
+    for imu in ["imu-a", "imu-b"] {
+        domain.write(&format!("{imu}.toml"), &TABLE.replace("\"imu-a\"", &format!("\"{imu}\"")));
+    }
+    let whole = configuration(&["imu-a", "imu-b"]);
+    let serve = &["serve", "--config", "service.toml"];
+    let refused = |text_of_file: &str| {
+        domain.write("service.toml", text_of_file);
+        let output = domain.run(serve);
+        assert_eq!(output.status.code(), Some(78), "{}", text(&output.stderr));
+    };
+    // None was kept.
+    refused("[[imu]]\nid = \"imu-a\"\ntab");
+    domain.write("service.toml", &whole);
+    let service = domain.serve(&serve[1..]);
+    let status = domain.status();
+    assert!(status["configuration_file"].as_str().unwrap().ends_with("/service.toml"), "{status}");
+    assert!(status["configuration_error"].is_null(), "{status}");
     service.terminate();
+    for half in [&whole[..whole.len() - 3], "", "\0\0\0", "\u{1}[[imu", "[wait]\nstrategy = \"sleep\"\n"] {
+        domain.write("service.toml", half);
+        let service = domain.serve(&serve[1..]);
+        service.wait_for_log("the last one that worked is in use: ");
+        assert!(service.log().contains(" ERROR "), "{}", service.log());
+        let status = domain.status();
+        assert_eq!(status["imus"].as_array().unwrap().len(), 2, "{status}");
+        assert!(status["configuration_error"].as_str().unwrap().contains("service.toml:"), "{status}");
+        assert!(domain.run_ok(&["status"]).contains("REFUSED      the configuration "));
+        let (exporter, address) = domain.export();
+        wait_until("the metric", || {
+            isotherm_tests::metrics_page(&address)
+                .is_some_and(|page| page.contains("\nisotherm_configuration_refused 1\n"))
+        });
+        exporter.kill();
+        // What is there is judged.
+        assert_eq!(domain.run(&["check", "service.toml"]).status.code(), Some(78));
+        service.kill();
+    }
+    // It is kept by the path without links.
+    fs::create_dir(domain.path("etc")).unwrap();
+    std::os::unix::fs::symlink(domain.path("service.toml"), domain.path("link.toml")).unwrap();
+    domain.serve(&["--config", "link.toml"]).terminate();
+    // Never for a file that is absent, for another file, with a group, or where the start is to end.
+    refused(&format!("[domain]\ngroup = \"imu\"\n{whole}"));
+    fs::remove_file(domain.path("service.toml")).unwrap();
+    let output = domain.run(serve);
+    assert_eq!(output.status.code(), Some(74), "{}", text(&output.stderr));
+    domain.write("other.toml", "[[imu");
+    assert_eq!(domain.run(&["serve", "--config", "other.toml"]).status.code(), Some(78));
+    // Once it is corrected, the next start uses it.
+    domain.write("service.toml", &configuration(&["imu-a"]));
+    let service = domain.serve(&serve[1..]);
+    assert!(domain.status()["configuration_error"].is_null());
+    assert_eq!(domain.status()["imus"].as_array().unwrap().len(), 1);
+    service.terminate();
+    domain.write("service.toml", &format!("{whole}[reload]\nat_start = \"exit\"\n"));
+    domain.serve(&serve[1..]).terminate();
+    refused("[[imu");
 }
 
 #[test]

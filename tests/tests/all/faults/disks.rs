@@ -3,7 +3,7 @@
 use super::supervisor::{Supervisor, WATCHDOG};
 use super::tracer::{Call, End, Fate, TRACED_TIMEOUT, Traced};
 use super::{Ground, digest, lost_digit, may_trace, try_all};
-use isotherm_tests::{TABLE, TIMEOUT, variant};
+use isotherm_tests::{TABLE, TIMEOUT, variant, wait_until};
 use nix::errno::Errno;
 use nix::sys::signal::Signal;
 use std::sync::Arc;
@@ -187,6 +187,48 @@ fn a_disk_that_does_not_answer_keeps_no_other_imu_from_being_served() {
     assert!(status["imus"][1]["table"].is_null(), "{status}");
     traced.signal(Signal::SIGTERM);
     assert_eq!(traced.end(TIMEOUT), Some(End::Exited(0)), "{}", traced.log());
+}
+
+/// The disk of the state folder hangs: the start takes the table whose digest is noted in the domain's folder, and
+/// nothing that is kept is lost when the disk answers.
+#[test]
+fn a_state_disk_that_hangs_delays_a_start_and_does_not_end_it() {
+    if !may_trace() {
+        return;
+    }
+    let ground = Ground::new();
+    // Two steps, so that the anchor is another table than the one in force.
+    let first = ground.domain.serve(&["--config", "service.toml"]);
+    ground.domain.replace("imu-a.toml", &variant(1));
+    wait_until("the table to be kept", || {
+        let imu = ground.domain.imu_status();
+        imu["table"] == digest(&variant(1)) && imu["table_kept"] == true
+    });
+    first.kill();
+    ground.domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
+    let both = "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[[imu]]\nid = \"imu-b\"\ntable = \"imu-b.toml\"\n";
+    ground.domain.write("service.toml", both);
+    let supervisor = Supervisor::listen(&ground.domain.path("notify"));
+    let decide = |call: &Call| {
+        let hangs = ["open", "stat"].contains(&call.name) && call.path.contains("/.state/");
+        if hangs { Fate::Waits(Duration::from_secs(15)) } else { Fate::Happens }
+    };
+    let mut traced = Traced::start(ground.serve(&supervisor), decide);
+    ground.domain.register_process(traced.pid);
+    assert!(supervisor.wait_for("READY=1", TRACED_TIMEOUT).is_some(), "{}", traced.log());
+    let status = ground.domain.status();
+    assert_eq!(
+        (&status["imus"][0]["table"], &status["imus"][0]["table_kept"]),
+        (&digest(&variant(1)).into(), &false.into())
+    );
+    assert!(status["imus"][1]["table"].is_null(), "nothing was noted of it: {status}");
+    traced.signal(Signal::SIGTERM);
+    assert_eq!(traced.end(TIMEOUT), Some(End::Exited(0)), "{}", traced.log());
+    // What was kept is as it was.
+    let service = ground.domain.serve(&["--config", "service.toml"]);
+    let imu = ground.domain.imu_status();
+    assert_eq!((&imu["table"], &imu["anchor"]), (&digest(&variant(1)).into(), &digest(TABLE).into()));
+    service.terminate();
 }
 
 #[test]
