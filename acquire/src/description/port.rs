@@ -33,7 +33,7 @@ pub(crate) enum Port {
 pub(crate) struct Udp {
     /// The local address and port.
     pub(crate) address: String,
-    /// The sender; `None`: anybody.
+    /// The sender; `None`: anybody, as `peer = "any"` says.
     pub(crate) peer: Option<Peer>,
 }
 
@@ -59,6 +59,10 @@ impl fmt::Display for Port {
 }
 
 const ONE: &str = "give one of serial, tcp, udp and file";
+/// The sender of whoever takes datagrams of everybody.
+const ANY: &str = "any";
+const SENDER: &str = "give the address of the device, as 192.168.1.10, or with a port; \"any\" takes the datagrams of \
+                      everybody who reaches this machine";
 
 /// Reads the keys of `[source]` that say where bytes come from.
 pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
@@ -72,13 +76,16 @@ pub(super) fn read(section: &Section<'_, '_>) -> Option<Port> {
         section.forbid(&["baud", "parity", "stop_bits"], "is for a serial line; leave it out");
     }
     let peer = section.optional_string("peer");
-    let sender = peer.and_then(|peer| {
-        let address = peer.parse::<SocketAddr>().map(|from| Peer { ip: from.ip(), port: Some(from.port()) });
-        let found = address.or_else(|_| peer.parse().map(|ip| Peer { ip, port: None })).ok();
-        let wrong = found.is_none().then(|| format!("is {peer:?}; give an address, as 192.168.1.10, or with a port"));
-        section.refuse("peer", wrong);
-        found
-    });
+    let sender = match peer {
+        None | Some(ANY) => None,
+        Some(peer) => {
+            let address = peer.parse::<SocketAddr>().map(|from| Peer { ip: from.ip(), port: Some(from.port()) });
+            let found = address.or_else(|_| peer.parse().map(|ip| Peer { ip, port: None })).ok();
+            section.refuse("peer", found.is_none().then(|| format!("is {peer:?}; {SENDER}")));
+            found
+        }
+    };
+    section.refuse("peer", (udp.is_some() && !section.has("peer")).then(|| format!("missing; {SENDER}")));
     section.fault_if(udp.is_none() && section.has("peer"), "peer", "is for udp; leave it out");
     if file.is_none() && section.has("pace") {
         section.fault("pace", "is for a file; leave it out");

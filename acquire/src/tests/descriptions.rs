@@ -1,7 +1,7 @@
 //! Descriptions: what is wrong is named with line and key.
 
 use super::profile;
-use crate::description::{Description, Kind, Port};
+use crate::description::{Description, Kind, Peer, Port, Udp};
 use crate::profiles::PROFILES;
 use crate::timeline::Counter;
 use std::path::Path;
@@ -105,4 +105,27 @@ fn what_is_missing_or_there_twice_is_named() {
     );
     assert!(udp.contains("source.udp: is \"4000\", give host and port"), "{udp}");
     assert!(udp.contains("source.pace: is for a file"), "{udp}");
+    assert!(udp.contains("source.peer: missing; give the address of the device"), "{udp}");
+}
+
+#[test]
+fn a_source_of_datagrams_names_its_sender() {
+    let serial = "serial = \"/dev/ttyUSB0\"\nbaud = 921600";
+    let text = PROFILES.iter().find(|(name, _)| *name == "kvh1750").unwrap().1;
+    let peer = |keys: &str| {
+        assert!(text.contains(serial));
+        let description = Description::from_toml(&text.replace(serial, &format!("udp = \"0.0.0.0:4000\"\n{keys}")));
+        let port = description.map_err(|faults| faults.to_string())?.port().cloned();
+        let Some(Port::Udp(Udp { peer, .. })) = port else { panic!("{port:?}") };
+        Ok::<_, String>(peer)
+    };
+    let ip = "192.168.1.10".parse().unwrap();
+    assert_eq!(peer("peer = \"192.168.1.10\""), Ok(Some(Peer { ip, port: None })));
+    assert_eq!(peer("peer = \"192.168.1.10:4000\""), Ok(Some(Peer { ip, port: Some(4000) })));
+    assert_eq!(peer("peer = \"any\""), Ok(None));
+    for (keys, said) in [("", "source.peer: missing"), ("peer = \"\"", "is \"\""), ("peer = \"imu.local\"", "\"any\"")]
+    {
+        let found = peer(keys).unwrap_err();
+        assert!(found.contains(said) && found.lines().count() == 1, "{keys}: {found}");
+    }
 }

@@ -44,7 +44,7 @@ fn what_is_wrong_with_identity_and_set_up_is_named() {
     let ask = "ask = [{ send = \"$VNRRG,03*70\\r\\n\" }]";
     let message = "message = { begins = \"$VNRRG,03,\" }";
     let frame = "message = { begins = [256], length = 9, checksum = { algorithm = \"none\" }, serial = { at = 8, bytes = 4, as = \"f32\" } }";
-    let serial = ("serial = \"/dev/ttyUSB0\"\nbaud = 921600", "udp = \"127.0.0.1:4000\"");
+    let serial = ("serial = \"/dev/ttyUSB0\"\nbaud = 921600", "udp = \"127.0.0.1:4000\"\npeer = \"127.0.0.1\"");
     let set_up = ("imu = \"imu-a\"", "imu = \"imu-a\"\nsetup = [{ sends = \"x\" }]");
     for (changes, expected) in [
         (&[(message, "")][..], "identity.message: missing; give how the device says who it is"),

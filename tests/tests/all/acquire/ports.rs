@@ -60,7 +60,7 @@ fn free_port() -> SocketAddr {
 fn udp_datagrams_of_one_frame_or_several_are_read() {
     let domain = TestDomain::new();
     let address = free_port();
-    describe_at(&domain, &format!("udp = \"{address}\""));
+    describe_at(&domain, &format!("udp = \"{address}\"\npeer = \"any\""));
     let acquire = Acquire::start(&domain, "acquire", &["--dry-run"]);
     let hex = format!(":{:04X} ", address.port());
     wait_until("the socket", || fs::read_to_string("/proc/net/udp").unwrap().contains(&hex));
