@@ -162,6 +162,15 @@ impl Description {
         }
     }
 
+    /// The exit code if what comes contradicts the description. Over a network anybody may have sent it, so the
+    /// acquisition is worth another attempt.
+    pub(crate) const fn contradiction(&self) -> Exit {
+        match (&self.kind, self.port()) {
+            (Kind::Messages(..), _) | (_, Some(Port::Tcp(_) | Port::Udp(_))) => Exit::Temporary,
+            _ => Exit::Config,
+        }
+    }
+
     /// The names of the columns of a row; empty for lines without names.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {

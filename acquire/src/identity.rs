@@ -20,6 +20,8 @@ pub(crate) struct Recognition {
     ask: Vec<DialogueStep>,
     setup: Vec<DialogueStep>,
     holds: bool,
+    /// The exit code of a refusal.
+    refusal: Exit,
     /// Whether this IMU had sent a sample before this process began, since the machine was started.
     has_sent: bool,
     known: DeviceKnowledge,
@@ -64,6 +66,7 @@ impl Recognition {
             ask: identity.map(|identity| identity.ask.clone()).unwrap_or_default(),
             setup: description.setup.clone(),
             holds: identity.is_some_and(|identity| identity.holds),
+            refusal: description.contradiction(),
             has_sent,
             known: DeviceKnowledge::Unknown,
             asked: 0,
@@ -204,7 +207,7 @@ impl Recognition {
                 "the device says that it is {number}, and the description is of {serial}: connect that device, give this \
                  one its own description and table, or exchange the ports of the two descriptions"
             );
-            return Err(Failure::new(Exit::Config, message));
+            return Err(Failure::new(self.refusal, message));
         }
         self.other.is_over();
         Ok(())

@@ -158,6 +158,7 @@ impl Description {
 mod tests {
     use super::*;
     use crate::message_queue::DeviceMessage;
+    use isotherm_support::failure::Exit;
 
     const INTERVAL: u64 = 2_500_000;
     const BEGIN: u64 = 1_000_000_000_000;
@@ -194,6 +195,25 @@ mod tests {
         }
         intake.settle(&mut |raw, _| samples.push(raw));
         (samples, intake.tally.sessions)
+    }
+
+    /// Anybody in the network may have sent them.
+    #[test]
+    fn messages_at_another_rate_end_it_for_now() {
+        let queue = MessageQueue::default();
+        let description = Description::of_messages(settings(), &queue);
+        let source = Messages::new(&queue, MessageStamps::Sample);
+        let mut intake = Intake::new(&description, 0.0, true);
+        let refused = (0..200).find_map(|number: u64| {
+            let stamp_ns = BEGIN + number * 2 * INTERVAL;
+            let [specific_force, angular_rate] = [[0.0, 0.0, 9.8], [0.0; AXES]];
+            let arrived_ns = stamp_ns;
+            let message = DeviceMessage { arrived_ns, stamp_ns, specific_force, angular_rate, temperature: None };
+            assert!(queue.push(message));
+            source.read(&mut intake, &mut |_, _| {});
+            intake.judge().err()
+        });
+        assert_eq!(refused.unwrap().exit, Exit::Temporary);
     }
 
     #[test]

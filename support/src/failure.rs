@@ -70,6 +70,11 @@ exit_codes! {
     Io = 74, "a file cannot be read or written",
         "The message names what is needed: space, a permission, another path. `isotherm clean` removes the remains \
          of a domain.";
+    /// What comes over a network contradicts the description. It may come from another sender, so the next attempt may
+    /// succeed.
+    Temporary = 75, "what comes over a network is not as described",
+        "The message has what came and what is described. Correct the description, the device or its address. The \
+         units of systemd try again until then.";
     /// The domain belongs to another user, or other users can replace it.
     OtherUser = 77, "the domain is another user's",
         "Run as the service's user, or use a domain of your own: another `--domain`, or a folder in `ISOTHERM_ROOT`.";

@@ -3,7 +3,7 @@
 use super::Intake;
 use crate::tally::of_described;
 use crate::timeline::RATE_LIMIT;
-use isotherm_support::failure::{Exit, Failure, tell};
+use isotherm_support::failure::{Failure, tell};
 
 /// So many new sessions without ten regular frames in between show a counter that is not as described.
 const RESTARTS: u64 = 20;
@@ -83,7 +83,7 @@ impl Intake {
             self.restarts.sessions, self.tally.frames
         );
         if !self.goes_on() {
-            return Err(Failure::new(Exit::Config, message));
+            return Err(Failure::new(self.description.contradiction(), message));
         }
         self.counts.tell(|| format!("warning: {message}"));
         Ok(())
@@ -104,7 +104,7 @@ impl Intake {
             false => (self.compared(interval), self.remedy(step != described)),
         };
         if !self.goes_on() {
-            return Err(Failure::new(Exit::Config, format!("{compared}; {remedy}")));
+            return Err(Failure::new(self.description.contradiction(), format!("{compared}; {remedy}")));
         }
         if self.tally.adopted_interval_ns != interval as u64 {
             self.tally.adopted_interval_ns = interval as u64;

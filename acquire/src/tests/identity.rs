@@ -4,9 +4,11 @@ use super::profile;
 use crate::description::{Description, SerialNumberSource};
 use crate::dialogue::DialogueAnswer;
 use crate::identity::{Recognition, Signature};
+use crate::number::Value;
 use crate::profiles::PROFILES;
 use crate::tally::Tally;
 use isotherm_client::device;
+use isotherm_support::failure::Exit;
 
 /// The text of a profile with these changes.
 fn changed(name: &str, changes: &[(&str, &str)]) -> String {
@@ -112,6 +114,23 @@ fn another_device_is_refused_only_before_the_first_sample() {
     // One that says so unasked was just powered.
     assert_eq!(restarted.hear(OURS, &mut tally, &mut |_| 0).unwrap(), 0);
     assert_eq!(tally.power_ups, 1);
+}
+
+#[test]
+fn another_device_in_a_network_may_be_another_sender() {
+    let udp = "udp = \"0.0.0.0:4000\"\npeer = \"any\"";
+    let line = "serial = \"/dev/ttyUSB0\"\nbaud = 921600";
+    let tail = "message = { begins = \"$VNRRG,03,\" }";
+    for (source, exit) in [(line, Exit::Config), ("tcp = \"a:1\"", Exit::Temporary), (udp, Exit::Temporary)] {
+        let ask = ("ask = [{ send = \"$VNRRG,03*70\\r\\n\" }]", "");
+        let text = changed("vn100", &[SERIAL, (line, source), ask, (tail, "field = \"time\"")]);
+        let description = Description::from_toml(&text).unwrap();
+        let row: Vec<_> = description.columns().iter().map(|_| Value { number: 7.0, whole: Some(7) }).collect();
+        let refused = Recognition::new(&description, false).see(&row, &mut Tally::default()).unwrap_err();
+        assert_eq!(refused.exit, exit, "{source}: {refused}");
+        // Once a sample was sent, nothing ends it.
+        assert!(Recognition::new(&description, true).see(&row, &mut Tally::default()).is_ok());
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ use crate::frames::FrameArrival;
 use crate::intake::{Intake, RowArrival};
 use crate::profiles::PROFILES;
 use isotherm_client::RawSample;
+use isotherm_support::failure::Exit;
 
 /// A row with these numbers, by the names of its columns; others are not there.
 fn row(description: &Description, numbers: &[(&str, f64)]) -> Vec<Value> {
@@ -33,6 +34,35 @@ fn a_negative_time_is_no_time() {
     });
     assert_eq!(times, [Some((5_000_000, 1)), Some((10_000_000, 1)), None, Some((20_000_000, 1))]);
     assert_eq!((intake.tally.incomplete, intake.tally.missing), (1, 1));
+}
+
+/// The exit code that ends an acquisition from this source, if its device sends half the described rate.
+fn refused_at_half_the_rate(source: &str) -> Option<Exit> {
+    let text = PROFILES.iter().find(|(name, _)| *name == "arduino-mpu6050").unwrap().1;
+    let serial = "serial = \"/dev/ttyUSB0\"\nbaud = 115200";
+    assert!(text.contains(serial));
+    let description = Description::from_toml(&text.replace(serial, source)).unwrap();
+    let mut intake = Intake::new(&description, 0.0, false);
+    (0..200).find_map(|number: u64| {
+        let by_ns = 1_000_000_000 + number * 10_000_000;
+        let own = [("counter", number as f64), ("micros", by_ns as f64 / 1e3), ("temperature", 25.0)];
+        let row = row(&description, &[&SENSORS[..], &own].concat());
+        let arrival = Some(FrameArrival { after_ns: by_ns, by_ns });
+        intake.take(&row, RowArrival { arrival, ..RowArrival::default() }, &mut |_, _| {});
+        Some(intake.judge().err()?.exit)
+    })
+}
+
+/// Anybody may have sent it who reaches a network; what a line of this machine sends is its device's.
+#[test]
+fn what_contradicts_the_description_ends_a_network_source_for_now_and_a_line_for_good() {
+    for (source, exit) in [
+        ("serial = \"/dev/ttyUSB0\"\nbaud = 115200", Exit::Config),
+        ("tcp = \"127.0.0.1:4000\"", Exit::Temporary),
+        ("udp = \"127.0.0.1:4000\"\npeer = \"127.0.0.1\"", Exit::Temporary),
+    ] {
+        assert_eq!(refused_at_half_the_rate(source), Some(exit), "{source}");
+    }
 }
 
 /// A device with a counter of 8 bits, whose frames may be messages without the sensors.

@@ -2,11 +2,12 @@
 
 use super::lag::note;
 use super::pipeline::{end, read, received, serve_vn100};
-use super::{Acquire, Device, ENDLESS, counts, describe, recorded, samples};
+use super::{Acquire, Device, ENDLESS, counts, describe, line, recorded, samples};
 use isotherm_client::RawSample;
 use isotherm_tests::emulator::Emulator;
 use isotherm_tests::{TestDomain, metrics_page, text, wait_until};
 use std::fs;
+use std::net::TcpListener;
 
 /// Half the rate, a tenth and twice of it, with a clock, with a counter that counts time, and with one of frames.
 #[test]
@@ -29,6 +30,52 @@ fn another_rate_is_refused_before_the_first_sample() {
         assert!(log.contains("the device sends ") && log.contains(said), "{emulator:?} {ratio}: {log}");
         assert_eq!(samples(&text(&output.stdout)), [], "{emulator:?} {ratio}");
         device.0.terminate();
+    }
+}
+
+/// Over a network anybody may have sent it: the units of systemd try again, and the described device is acquired from.
+#[test]
+fn another_rate_over_a_network_is_a_failure_for_now() {
+    // Free a moment ago; who does not get it says so.
+    let address = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let (named, port) = (address.to_string(), address.port().to_string());
+    for (source, words) in [
+        (format!("tcp = \"{named}\""), ["--tcp", port.as_str()]),
+        (format!("udp = \"{named}\"\npeer = \"127.0.0.1\""), ["--udp", named.as_str()]),
+    ] {
+        let domain = TestDomain::new();
+        let serial = format!("serial = \"{}\"\nbaud = 921600", line(&domain).display());
+        describe(&domain, Emulator::Vn100, &[(&serial, &source)]);
+        let start = |more: &[&str]| {
+            let device = domain.start(
+                domain.program("isotherm-emulator", &[&["vn100", "--frames", ENDLESS], &words[..], more].concat()),
+            );
+            let hex = format!(":{:04X} ", address.port());
+            wait_until("the port", || {
+                words[0] == "--udp" || fs::read_to_string("/proc/net/tcp").unwrap().contains(&hex)
+            });
+            device
+        };
+        let device = start(&["--change-rate", "0:200"]);
+        let output = domain.run(&["acquire", "source.toml", "--dry-run"]);
+        let log = text(&output.stderr);
+        assert!(output.status.code() == Some(75) && log.contains("the device sends "), "{}: {log}", output.status);
+        device.terminate();
+        let device = start(&[]);
+        domain.run_ok(&["acquire", "source.toml", "--dry-run", "--rows", "50"]);
+        device.terminate();
+        // A mistake that is found without data stays one.
+        describe(&domain, Emulator::Vn100, &[(&serial, &source), ("interval_s = 0.0025", "interval_s = 0")]);
+        assert_eq!(domain.run(&["acquire", "source.toml", "--dry-run"]).status.code(), Some(78));
+    }
+    for unit in ["isotherm-acquire@", "isotherm-ros2"] {
+        let path = format!("{}/../service/systemd/{unit}.service", env!("CARGO_MANIFEST_DIR"));
+        let text = fs::read_to_string(path).unwrap();
+        let for_good = text.lines().find_map(|line| line.strip_prefix("RestartPreventExitStatus=")).unwrap();
+        assert!(
+            text.contains("\nRestart=always\n") && for_good.split(' ').all(|code| code != "75"),
+            "{unit}: {for_good}"
+        );
     }
 }
 
