@@ -30,7 +30,20 @@ pub(crate) struct Recognition {
     under_way: Option<(Dialogue, DialogueSubject)>,
     /// Why the device is refused, once the dialogue is over that is under way: it is not left in the midst of it.
     refused: Option<Failure>,
+    notices: Notices,
+}
+
+/// What is said of the device's identity. Who sends without end chooses how often it changes, so each kind is said once
+/// a minute.
+#[derive(Debug, Default)]
+struct Notices {
+    right: Notice,
+    right_again: Notice,
     other: Notice,
+    powered: Notice,
+    unanswered: Notice,
+    unknown: Notice,
+    not_set_up: Notice,
 }
 
 /// Which device it is, as far as it has said so.
@@ -72,7 +85,7 @@ impl Recognition {
             asked: 0,
             under_way: None,
             refused: None,
-            other: Notice::default(),
+            notices: Notices::default(),
         }
     }
 
@@ -132,7 +145,8 @@ impl Recognition {
                 0 => {
                     tally.power_ups += 1;
                     let gone = if self.setup.is_empty() { "" } else { "; what setup has set may be gone" };
-                    tell("isotherm", format!("the device was just powered: it says that it is {number}{gone}"));
+                    let powered = &mut self.notices.powered;
+                    powered.tell(|| format!("the device was just powered: it says that it is {number}{gone}"));
                 }
                 _ => self.asked -= 1,
             }
@@ -156,22 +170,32 @@ impl Recognition {
     }
 
     /// What follows a dialogue, whose faults are reported.
-    fn next(&self, subject: DialogueSubject, unanswered: &[DialogueStep]) -> Option<(Dialogue, DialogueSubject)> {
-        for step in unanswered {
-            let what = if step.send.is_empty() { "what was to follow".to_owned() } else { shown(&step.send) };
-            tell("isotherm", format!("warning: the device has not answered {what} within 1 s as the description says"));
+    fn next(&mut self, subject: DialogueSubject, unanswered: &[DialogueStep]) -> Option<(Dialogue, DialogueSubject)> {
+        let notices = &mut self.notices;
+        if !unanswered.is_empty() {
+            let what = |step: &DialogueStep| match step.send.is_empty() {
+                true => "what was to follow".to_owned(),
+                false => shown(&step.send),
+            };
+            let all: Vec<_> = unanswered.iter().map(what).collect();
+            let all = all.join(", ");
+            notices
+                .unanswered
+                .tell(|| format!("warning: the device has not answered {all} within 1 s as the description says"));
         }
         if subject == DialogueSubject::SetUp {
             return None;
         }
         if self.known == DeviceKnowledge::Unknown {
-            tell("isotherm", "warning: the device has not said who it is: it is unknown, and taken as it comes");
+            let unknown = "warning: the device has not said who it is: it is unknown, and taken as it comes";
+            notices.unknown.tell(|| unknown.to_owned());
         }
         if self.known == DeviceKnowledge::Right {
             return Dialogue::new(&self.setup).map(|set_up| (set_up, DialogueSubject::SetUp));
         }
         if !self.setup.is_empty() {
-            tell("isotherm", "warning: it is not set up, since it is not known to be the unit of this description");
+            let not_set_up = "warning: it is not set up, since it is not known to be the unit of this description";
+            notices.not_set_up.tell(|| not_set_up.to_owned());
         }
         None
     }
@@ -198,8 +222,10 @@ impl Recognition {
             return Ok(());
         }
         if self.known == DeviceKnowledge::Right {
-            let again = if was == DeviceKnowledge::Unknown { "" } else { " again" };
-            tell("isotherm", format!("the device is {serial}{again}"));
+            match was {
+                DeviceKnowledge::Unknown => self.notices.right.tell(|| format!("the device is {serial}")),
+                _ => self.notices.right_again.tell(|| format!("the device is {serial} again")),
+            }
             return Ok(());
         }
         if !self.has_sent && tally.samples == 0 {
@@ -209,7 +235,6 @@ impl Recognition {
             );
             return Err(Failure::new(self.refusal, message));
         }
-        self.other.is_over();
         Ok(())
     }
 
@@ -227,7 +252,9 @@ impl Recognition {
         let DeviceKnowledge::Other(number) = &self.known else { return };
         let serial = self.serial.as_deref().unwrap_or_default();
         let what = if self.holds { "nothing of it is sent" } else { "its samples go out under its own number" };
-        self.other.tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that device"));
+        self.notices
+            .other
+            .tell(|| format!("warning: the device is {number}, and not {serial}: {what}; connect that device"));
     }
 }
 

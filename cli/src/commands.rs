@@ -89,9 +89,10 @@ impl Command {
     }
 
     /// Whether the command writes a log of its own, with times, in place of messages.
-    pub(crate) const fn logs(&self) -> bool {
+    pub(crate) const fn logs(&self, quiet: bool) -> bool {
         match self {
             Self::Serve(_) | Self::Relay(_) => true,
+            Self::Acquire(acquire) => acquire.logs() && !quiet,
             Self::Campaign(campaign) => campaign.logs(),
             _ => false,
         }

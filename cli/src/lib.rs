@@ -58,7 +58,7 @@ impl Cli {
     }
 
     fn run(self) -> Result<(), Failure> {
-        if !self.command.logs() {
+        if !self.command.logs(self.quiet) {
             messages::start(self.quiet, self.verbose);
         }
         let domain = common::domain(self.domain.as_deref())?;

@@ -9,7 +9,8 @@ use isotherm_acquire::{
 use isotherm_client::{Domain, ImuId};
 use isotherm_files::{StagedText, Trust, end_signals, print, print_data, refuse_overlap};
 use isotherm_offline::parse::seconds;
-use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_service::logging::{self, LogFormat};
+use isotherm_support::failure::{Exit, Failure, shown, tell_as_events};
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -97,7 +98,16 @@ pub(crate) struct Acquire {
 }
 
 impl Acquire {
+    /// Whether it goes on without an operator, and so writes a log: nobody may read that, and nothing waits for it.
+    pub(crate) const fn logs(&self) -> bool {
+        !(self.dry_run || self.list || self.probe.is_some() || self.profile.is_some() || self.nominal.is_some())
+    }
+
     pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
+        if self.logs() {
+            logging::start(LogFormat::Human);
+            tell_as_events();
+        }
         if self.list {
             return self.list();
         }

@@ -1,14 +1,17 @@
 //! SIGTERM ends an acquisition whatever its line does, and the record is whole then.
 
-use super::{Acquire, counts, describe, profile};
+use super::pipeline::{received, serve_vn100};
+use super::{Acquire, Device, ENDLESS, counts, describe, profile};
 use isotherm_tests::emulator::Emulator;
 use isotherm_tests::{TIMEOUT, TestDomain, wait_until};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::ioctl_fionbio;
+use rustix::process::Signal;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::ffi::OsString;
+use std::fs;
 use std::os::fd::OwnedFd;
 use std::os::unix::ffi::OsStringExt as _;
 use std::os::unix::fs::symlink;
@@ -130,6 +133,29 @@ fn a_signal_ends_it_while_the_line_babbles_or_is_silent() {
             assert_eq!(replayed.lines().count() as u64, samples + 1, "{line:?}, {record}");
         }
     }
+}
+
+/// A pipe on stderr that is full and that nobody reads costs log lines, and nothing else.
+#[test]
+fn nobody_need_read_the_log() {
+    let domain = TestDomain::new();
+    let service = serve_vn100(&domain);
+    let full = "mkfifo full && exec 2<>full && { dd if=/dev/zero of=full bs=4096 oflag=nonblock 2>/dev/null; true; }";
+    let start = |words: &[&str]| {
+        let words = [&["acquire", "source.toml"], words].concat();
+        domain.start(domain.isotherm_after(&[], full, &words))
+    };
+    // Its last word waits for nobody either.
+    let (status, log) = start(&[]).wait();
+    assert_eq!((status.code(), log.as_str()), (Some(74), ""), "the device is absent");
+    fs::remove_file(domain.path("full")).unwrap();
+    let device = Device::start(&domain, Emulator::Vn100, &["--frames", ENDLESS]);
+    let acquire = start(&[]);
+    wait_until("samples", || received(&domain) > 100);
+    acquire.signal(Signal::TERM);
+    assert!(acquire.wait().0.success());
+    device.0.terminate();
+    service.terminate();
 }
 
 /// A device that never sends ends it, too, before the first byte; and a line without a device is none to wait for.

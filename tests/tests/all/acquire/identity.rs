@@ -255,6 +255,28 @@ fn a_device_behind_tcp_is_asked_too() {
     device.terminate();
 }
 
+/// Two units in turn at one line, as somebody in a network can send them.
+#[test]
+fn a_device_that_is_another_one_all_the_time_does_not_fill_the_log() {
+    let domain = TestDomain::new();
+    let (ours, theirs) = ("$VNRRG,03,0100061897*5C\r\n", "$VNRRG,03,0100061999*53\r\n");
+    // Ours until the first samples are there: a file is read 64 KiB at a time.
+    let messages = (0..3000).map(|number| if number < 1000 || number % 2 == 0 { ours } else { theirs });
+    let both = messages.zip(0..).map(|(says, number)| [says.as_bytes(), &Emulator::Vn100.frame(number)].concat());
+    let bytes: Vec<_> = both.flatten().collect();
+    fs::write(domain.path("bytes"), bytes).unwrap();
+    describe_unit(&domain, Emulator::Vn100, Emulator::Vn100.serial());
+    let output = domain.run(&["acquire", "source.toml", "--dry-run", "--json", "--device", "bytes"]);
+    let log = text(&output.stderr);
+    assert!(output.status.success(), "{log}");
+    let tally = super::tally_of(&log);
+    assert_eq!(counts(&tally, ["frames", "power_ups"]), [3000; 2], "{tally}");
+    for part in ["was just powered", "the device is 0100061897 again"] {
+        assert_eq!(log.lines().filter(|line| line.contains(part)).count(), 1, "{part}: {log}");
+    }
+    assert!(log.lines().count() < 20, "{log}");
+}
+
 #[test]
 fn a_field_of_a_frame_says_who_it_is() {
     let domain = TestDomain::new();
