@@ -152,7 +152,8 @@ impl CampaignFile {
     }
 }
 
-/// The names of all files so many folders below a folder, with `/` between folders, in order.
+/// The names of all files so many folders below a folder, with `/` between folders, in order. What is no regular file
+/// is none: a pipe would be waited for without end.
 pub(crate) fn names_in(root: &Path, depth: usize) -> Result<Vec<String>, Failure> {
     let root = if root.as_os_str().is_empty() { Path::new(".") } else { root };
     let mut names = Vec::new();
@@ -170,9 +171,13 @@ pub(crate) fn names_in(root: &Path, depth: usize) -> Result<Vec<String>, Failure
             // A name that is no text fits no pattern.
             let Ok(name) = entry.file_name().into_string() else { continue };
             let path = entry.path();
-            match path.is_dir() {
-                true if below < depth => waiting.push((path, format!("{before}{name}/"), below + 1)),
-                false if below == depth => names.push(format!("{before}{name}")),
+            // A link to nothing is reported when it is read.
+            match path.metadata() {
+                Ok(found) if found.is_dir() && below < depth => {
+                    waiting.push((path, format!("{before}{name}/"), below + 1));
+                }
+                Ok(found) if !found.is_file() => {}
+                _ if below == depth => names.push(format!("{before}{name}")),
                 _ => {}
             }
         }

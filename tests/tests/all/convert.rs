@@ -1,8 +1,10 @@
 //! Foreign data through the program: exit codes, what is written, and the way to ROS and back.
 
 use isotherm_tests::{RUN, TABLE, TestDomain, recording, text, wait_until};
+use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/convert");
@@ -237,4 +239,45 @@ fn a_recorder_writes_ros_messages_of_a_running_imu() {
     assert!(other.0 == 64 && other.2.contains("celsius.toml: a table of imu-a, which is not recorded"), "{}", other.2);
     drop(acquisition);
     service.terminate();
+}
+
+/// A pipe among them would be waited for without end; one that is named by itself is read.
+#[test]
+fn of_a_folder_only_regular_files_are_read() {
+    let domain = domain();
+    let pipe = |name: &str| mknodat(CWD, domain.path(name), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    fs::create_dir(domain.path("measured")).unwrap();
+    fs::create_dir(domain.path("bag")).unwrap();
+    let rows: String = (0..20).map(|row| format!("{}.5,{row},{},{row}\n", row, 3 * row)).collect();
+    for name in ["T20_P1.csv", "T20_P2.csv", "T40_P1.csv", "linked"] {
+        domain.write(&format!("measured/{name}"), &format!("t_s,a1,a2,a3\n{rows}"));
+    }
+    fs::rename(domain.path("measured/linked"), domain.path("linked")).unwrap();
+    symlink(domain.path("linked"), domain.path("measured/T40_P2.csv")).unwrap();
+    pipe("measured/T60_P1.csv");
+    let (code, proposed, said) = run(&domain, &["calibrate", "turntable", "--propose", "measured"]);
+    assert_eq!(code, 0, "{said}");
+    assert!(proposed.contains("files = \"measured/T{set_point_c}_P{position}.csv\""), "{proposed}");
+
+    domain.write("imu-a.toml", TABLE);
+    domain.run_ok(&["replay", "--table", "imu-a.toml", RUN, "-o", "bag/0.mcap"]);
+    let convert = || run(&domain, &["convert", "bag", "-o", "out.csv", "--imu", "imu-b", "--nominal", "nominal.toml"]);
+    for name in ["bag/1.mcap", "bag/metadata.yaml"] {
+        pipe(name);
+        let (code, _, said) = convert();
+        assert_eq!(code, 0, "{said}");
+    }
+    fs::remove_file(domain.path("bag/metadata.yaml")).unwrap();
+    domain.write("bag/metadata.yaml", "relative_file_paths:\n- 0.mcap\n- 1.mcap\n");
+    let (code, _, said) = convert();
+    assert!(code == 65 && said.contains("1.mcap, which is no file"), "{code}: {said}");
+    // What has no end to wait for: the writer is there.
+    let source = fs::read(domain.path("source.csv")).unwrap();
+    pipe("named");
+    let writer = domain.path("named");
+    let writer = std::thread::spawn(move || fs::write(writer, source).unwrap());
+    domain.run_ok(&["convert", "--mapping", "mapping.toml", "named", "-o", "named.csv"]);
+    writer.join().unwrap();
+    let expected = fs::read_to_string(domain.path("source.expected.csv")).unwrap();
+    assert!(fs::read_to_string(domain.path("named.csv")).unwrap() == expected);
 }

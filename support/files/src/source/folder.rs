@@ -31,7 +31,10 @@ fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let refused = |message: &str| Err(Failure::new(Exit::Data, format!("{}: {message}", shown(folder))));
     let mut found: Vec<PathBuf> = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed)? {
-        found.push(entry.map_err(failed)?.path());
+        let path = entry.map_err(failed)?.path();
+        if may_be_file(&path) {
+            found.push(path);
+        }
     }
     // Pieces have one order of times; the names decide where they have none.
     found.sort_unstable();
@@ -52,7 +55,11 @@ fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         return refused("a bag of compressed files; unpack them, and name them: zstd -d --rm FOLDER/*.zstd");
     }
     if !listed.is_empty() {
-        return Ok(listed.iter().map(|name| folder.join(name)).collect());
+        let files: Vec<_> = listed.iter().map(|name| folder.join(name)).collect();
+        return match files.iter().find(|path| !may_be_file(path)) {
+            Some(path) => refused(&format!("{METADATA} lists {}, which is no file", shown(path))),
+            None => Ok(files),
+        };
     }
     let files: Vec<_> = found.iter().filter(ends_in("mcap")).cloned().collect();
     if files.is_empty() {
@@ -62,6 +69,12 @@ fn of_folder(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         return refused(&format!("a folder without {METADATA}, whose files may be of several bags; name the files"));
     }
     Ok(files)
+}
+
+/// Whether it is a regular file, or not there, which is reported when it is read. A pipe would be waited for without
+/// end.
+fn may_be_file(path: &Path) -> bool {
+    path.metadata().map_or(true, |found| found.is_file())
 }
 
 /// The files in MCAP that the description of a bag lists: lines `- NAME.mcap` behind `relative_file_paths:`.
