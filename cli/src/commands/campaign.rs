@@ -351,11 +351,14 @@ impl StopCampaign {
     fn run(self) -> Result<(), Failure> {
         let plan = Plan::load(&self.plan)?;
         let stopped = control::stop(&plan.output, self.timeout)?;
+        if let StopOutcome::Unknown(failure) = stopped {
+            return Err(safe_in_spite(&plan, stop::STOPPED_WHATEVER_RUNS, &failure));
+        }
         if journal::needs_safe_state(&plan.output) {
-            return safe(&plan, stopped == StopOutcome::NoAnswer);
+            return safe(&plan, matches!(stopped, StopOutcome::NoAnswer));
         }
         match stopped {
-            StopOutcome::Ended => {}
+            StopOutcome::Ended | StopOutcome::Unknown(_) => {}
             StopOutcome::Nobody => {
                 let message = format!("{}: no process runs this campaign", shown(&plan.output));
                 return Err(Failure::new(Exit::Unavailable, message));
@@ -376,8 +379,16 @@ impl StopCampaign {
 /// Brings chamber and table into the safe state: after a runner that ended without doing so, or while one does not
 /// answer, whoever holds the lock.
 fn safe(plan: &Plan, beside_runner: bool) -> Result<(), Failure> {
-    let _lock = if beside_runner { None } else { Some(CampaignLock::take(&plan.output)?) };
+    let lock = if beside_runner { Ok(None) } else { CampaignLock::take(&plan.output).map(Some) };
+    let _lock = lock.map_err(|failure| safe_in_spite(plan, stop::STOPPED_WHATEVER_RUNS, &failure))?;
     let reason = if beside_runner { stop::STOPPED_BESIDE_RUNNER } else { stop::STOPPED_WITHOUT_RUNNER };
     let (text, certain) = stop::make_safe(plan, Surroundings::default(), reason)?;
     if certain { print(&format!("{text}\n")) } else { Err(Failure::new(Exit::Unavailable, text)) }
+}
+
+/// Brings chamber and table into the safe state although something is wrong with the campaign's folder, where nothing
+/// is noted. That is complained of afterwards.
+fn safe_in_spite(plan: &Plan, reason: &str, failure: &Failure) -> Failure {
+    let text = stop::make_safe_without_note(plan, Surroundings::default(), reason);
+    Failure::new(failure.exit, format!("{text}\n{failure}"))
 }

@@ -1,7 +1,7 @@
 //! The lock that allows one runner in a folder, and how other processes inspect and stop this runner.
 
 use super::progress::{STATUS, Snapshot};
-use isotherm_files::{check_own_folder, open_without_waiting};
+use isotherm_files::{check_own_folder, open_without_waiting, output_place};
 use isotherm_shared::document::MAX_BYTES;
 use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
@@ -159,7 +159,7 @@ pub(crate) fn answer_stop(folder: &Path) {
 }
 
 /// What became of a request to end.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Debug)]
 pub enum StopOutcome {
     /// Nobody runs the campaign.
     Nobody,
@@ -167,27 +167,35 @@ pub enum StopOutcome {
     Ended,
     /// Somebody has the lock, and has not answered in time.
     NoAnswer,
+    /// What is in the folder shows nothing, since others may write there, or it takes no request. A runner that could
+    /// be asked has been.
+    Unknown(Failure),
 }
 
 /// Asks the runner to end in the safe state, by a file in the campaign's folder, and waits until it has ended. It may
-/// run as another process of this user anywhere, in a container too.
+/// run as another process of this user anywhere, in a container too. In a folder where others may write, it is waited
+/// for a moment only: they can make it seem to live, or to have answered.
 ///
 /// # Errors
-/// If it has answered and does not end within `timeout`, or if the request cannot be written.
+/// If it has answered and does not end within `timeout`.
 pub fn stop(folder: &Path, timeout: Duration) -> Result<StopOutcome, Failure> {
     if !folder.exists() {
         return Ok(StopOutcome::Nobody);
     }
-    check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error))?;
+    let mut trusted = check_own_folder(folder).map_err(|error| Failure::io("looking into", folder, &error));
     // If a lock cannot be inspected, it is not known whether a runner holds it: it is asked.
     let runs = || runner_pid(folder).map_or(true, |pid| pid.is_some());
     if !runs() {
-        return Ok(StopOutcome::Nobody);
+        return Ok(trusted.map_or_else(StopOutcome::Unknown, |()| StopOutcome::Nobody));
     }
     let request = folder.join(STOP);
-    write_request(&request).map_err(|error| Failure::io("writing", &request, &error))?;
+    let asked = write_request(folder).map_err(|error| Failure::io("writing", &request, &error));
+    trusted = trusted.and(asked);
     let begun = Instant::now();
     while runs() {
+        if trusted.is_err() && begun.elapsed() > ANSWER.min(timeout) {
+            break;
+        }
         let is_answered = !request.exists();
         if !is_answered && begun.elapsed() > ANSWER {
             return Ok(StopOutcome::NoAnswer);
@@ -202,12 +210,19 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<StopOutcome, Failure> {
         }
         thread::sleep(RETRY_PAUSE);
     }
+    if let Err(failure) = trusted {
+        return Ok(StopOutcome::Unknown(failure));
+    }
     answer_stop(folder);
     Ok(StopOutcome::Ended)
 }
 
-fn write_request(path: &Path) -> io::Result<()> {
-    let mut options = OpenOptions::new();
-    options.write(true).create(true).truncate(true).mode(OWN).custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
-    writeln!(options.open(path)?, "{}", process::id())
+/// Writes the request, unless it is there. Nothing that is there is opened, whoever has made it.
+fn write_request(folder: &Path) -> io::Result<()> {
+    let path = output_place(&output_place(folder)?.join(STOP))?;
+    match OpenOptions::new().write(true).create_new(true).mode(OWN).open(path) {
+        Ok(mut file) => writeln!(file, "{}", process::id()),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        Err(error) => Err(error),
+    }
 }

@@ -272,7 +272,8 @@ impl Fixture {
         }
         domain.write("source.toml", &read("examples/acquire/stim300.toml"));
         domain.write("bytes", &"x".repeat(5000));
-        domain.write("plan.in", &read("examples/plan.toml"));
+        // Nobody listens there, and that is known at once: `campaign stop` looks for the instruments first.
+        domain.write("plan.in", &read("examples/plan.toml").replace("192.0.2.10:9888", "127.0.0.1:1"));
         domain.run_ok(&["simulate", "run", "-o", "still", "--interval", "5"]);
         fs::set_permissions(domain.path(""), Permissions::from_mode(0o755)).unwrap();
         let victims = domain.path("victims");

@@ -9,8 +9,8 @@ use isotherm_tests::laboratory::{TestLaboratory, stdout_of_success, wait_long};
 use isotherm_tests::{Process, table, text, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
-use std::fs;
-use std::os::unix::fs::PermissionsExt as _;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::process::{Command, Output};
 
 /// A campaign of four set points and two verification runs, of an IMU with misalignments. Every fit of it is another
@@ -320,6 +320,51 @@ fn a_stop_that_nobody_answers_brings_the_instruments_into_the_safe_state() {
     other.kill().unwrap();
     other.wait().unwrap();
     drop(held);
+    stdout_of_success(&laboratory.run(&[]));
+    laboratory.assert_complete(12);
+}
+
+/// Whatever is wrong with the folder: the instruments first, with a runner and after one. Nothing is written through
+/// what others have put there.
+#[test]
+fn a_folder_that_everybody_may_write_is_complained_of_after_the_safe_state() {
+    let laboratory = one_set_point();
+    let domain = &laboratory.domain;
+    let folder = domain.path("station/campaign");
+    let open_to = |mode: u32| fs::set_permissions(&folder, Permissions::from_mode(mode)).unwrap();
+    let stopped = |complaint: &str| {
+        let requests = requests_from_now(&laboratory);
+        let output = stop(&laboratory);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "{said}");
+        assert_has(&said, &["safe state: turntable stopped", "chamber in standby", complaint]);
+        assert!(requests("chamber").contains(&"MODE,STANDBY".to_owned()));
+        assert!(TURNTABLE_ORDERS.iter().all(|order| requests("table").iter().any(|request| request == order)));
+    };
+    let everybody = "everybody may write it; chmod o-w";
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 1);
+    open_to(0o777);
+    stopped(everybody);
+    let (ended, log) = runner.wait();
+    assert!(ended.code() == Some(1) && log.contains("stopped by campaign stop"), "{ended}: {log}");
+    open_to(0o755);
+    let runner = laboratory.spawn();
+    laboratory.wait_for("kept", 2);
+    runner.kill();
+    let journal = laboratory.file("journal.jsonl");
+    symlink("journal.jsonl", folder.join("status.json.new")).unwrap();
+    open_to(0o1777);
+    stopped(everybody);
+    assert!(laboratory.file("journal.jsonl") == journal);
+    fs::remove_file(folder.join("status.json.new")).unwrap();
+    // A folder of one's own whose lock cannot be taken.
+    open_to(0o755);
+    fs::remove_file(folder.join("runner.lock")).unwrap();
+    fs::create_dir(folder.join("runner.lock")).unwrap();
+    stopped("runner.lock");
+    fs::remove_dir(folder.join("runner.lock")).unwrap();
+    stdout_of_success(&stop(&laboratory));
     stdout_of_success(&laboratory.run(&[]));
     laboratory.assert_complete(12);
 }
