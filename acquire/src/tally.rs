@@ -1,7 +1,7 @@
 //! What has been counted.
 
 use crate::link::LinkCounts;
-use isotherm_client::unix_s;
+use isotherm_client::{boot, monotonic_ns, unix_s};
 use serde::Serialize;
 use std::fmt;
 
@@ -181,6 +181,9 @@ pub(crate) fn of_described(deviation: f64) -> String {
 struct TallyDocument<'a> {
     /// When it was written, in Unix time \[s\].
     written_unix_s: f64,
+    /// The same on `CLOCK_MONOTONIC` \[ns\], and the machine's start: how old the tally is.
+    written_ns: u64,
+    boot: u64,
     /// The interval that was taken for the device's \[s\]; 0 while it is the described one.
     adopted_interval_s: f64,
     #[serde(flatten)]
@@ -191,7 +194,8 @@ impl Tally {
     /// What the exporter of metrics reads.
     pub(crate) fn document(&self) -> impl Serialize {
         let adopted_interval_s = self.adopted_interval_ns as f64 / 1e9;
-        TallyDocument { written_unix_s: unix_s(), adopted_interval_s, tally: self }
+        let (written_unix_s, written_ns, boot) = (unix_s(), monotonic_ns(), boot());
+        TallyDocument { written_unix_s, written_ns, boot, adopted_interval_s, tally: self }
     }
 }
 

@@ -1,12 +1,12 @@
 //! The metrics of acquisitions: `isotherm acquire` writes its tally into the domain's folder once a second.
 
 use crate::metric::{Metric, MetricsText};
-use isotherm_client::{Domain, ImuId, Note, unix_s};
+use isotherm_client::{Domain, ImuId, Note, boot, monotonic_ns};
 use serde_json::Value;
 use std::fs;
 
-/// Only the time of an older tally is shown: its acquisition is stopped, or was killed.
-const MAX_AGE_S: f64 = 5.0;
+/// Only the time of an older tally is shown \[ns\]: its acquisition is stopped, or was killed.
+const MAX_AGE_NS: u64 = 5_000_000_000;
 
 /// Declares the metrics with one value for each acquisition, and where it is in the tally.
 macro_rules! metrics {
@@ -96,8 +96,8 @@ pub(crate) fn read(domain: &Domain) -> Vec<(ImuId, Value)> {
 
 /// Writes all metrics of acquisitions.
 pub(crate) fn render(text: &mut MetricsText, tallies: &[(ImuId, Value)]) {
-    let now = unix_s();
-    let is_recent = |tally: &Value| number(tally, WRITTEN).is_some_and(|written| now - written < MAX_AGE_S);
+    let (now_ns, boot) = (monotonic_ns(), boot());
+    let is_recent = |tally: &Value| is_recent(tally, now_ns, boot);
     for (metric, place) in METRICS {
         text.family(*metric);
         for (imu, tally) in tallies.iter().filter(|(_, tally)| *place == WRITTEN || is_recent(tally)) {
@@ -116,6 +116,14 @@ pub(crate) fn render(text: &mut MetricsText, tallies: &[(ImuId, Value)]) {
     }
 }
 
+/// Whether a tally was written a short time before this one \[ns\] of the machine's start `boot`. The clock of day does
+/// not show that, since it may be set at any time.
+fn is_recent(tally: &Value, now_ns: u64, boot: u64) -> bool {
+    let of = |place| tally.get(place).and_then(Value::as_u64);
+    let age_ns = of("written_ns").and_then(|written_ns| now_ns.checked_sub(written_ns));
+    of("boot") == Some(boot) && age_ns.is_some_and(|age_ns| age_ns < MAX_AGE_NS)
+}
+
 /// The number at a place of a tally; of yes and no, 1 and 0.
 fn number(tally: &Value, place: &str) -> Option<f64> {
     let value = tally.pointer(place)?;
@@ -125,18 +133,25 @@ fn number(tally: &Value, place: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_client::unix_s;
     use serde_json::json;
 
     #[test]
     fn of_a_tally_that_is_not_written_any_more_only_the_time_is_shown() {
-        let imus = ["imu-a", "imu-b"].map(|imu| imu.parse::<ImuId>().unwrap());
-        let tally = |written: f64| {
-            json!({ "written_unix_s": written, "is_there": true, "frames": 7, "rate_hz": null,
-                "service": { "sent": 5 }, "skipped": { "noise": 3, "damaged": 1 } })
+        let imus = ["imu-a", "imu-b", "imu-c", "imu-d"].map(|imu| imu.parse::<ImuId>().unwrap());
+        let tally = |written_unix_s: f64, boot: u64, ago_ns: u64| {
+            json!({ "written_unix_s": written_unix_s, "boot": boot, "written_ns": monotonic_ns().saturating_sub(ago_ns),
+                "is_there": true, "frames": 7, "rate_hz": null, "service": { "sent": 5 },
+                "skipped": { "noise": 3, "damaged": 1 } })
         };
-        let [new, old] = [unix_s(), unix_s() - 60.0].map(tally);
+        // The clock of day may be set at any time, and says nothing about the age: a new tally, an old one, and one of
+        // before the machine was started.
+        let now = unix_s();
+        let new = tally(now - 7200.0, boot(), 0);
+        let old =
+            [tally(now + 7200.0, boot(), 6_000_000_000), tally(now, boot() ^ 1, 0), json!({ "written_unix_s": now })];
         let mut text = MetricsText::default();
-        render(&mut text, &imus.into_iter().zip([new, old]).collect::<Vec<_>>());
+        render(&mut text, &imus.into_iter().zip([new].into_iter().chain(old)).collect::<Vec<_>>());
         let samples = |imu: &str| {
             let of_imu = format!("imu=\"{imu}\"");
             let lines = text.0.lines().filter(|line| line.contains(&of_imu) && !line.contains("_written_"));
@@ -150,8 +165,10 @@ mod tests {
             "skipped_bytes_total{imu=\"imu-a\",cause=\"noise\"} 3",
         ];
         assert_eq!(samples("imu-a"), expected);
-        assert!(samples("imu-b").is_empty());
-        assert_eq!(text.0.matches("isotherm_acquire_written_timestamp_seconds{").count(), 2);
+        for imu in ["imu-b", "imu-c", "imu-d"] {
+            assert!(samples(imu).is_empty(), "{imu}");
+        }
+        assert_eq!(text.0.matches("isotherm_acquire_written_timestamp_seconds{").count(), 4);
     }
 
     #[test]
