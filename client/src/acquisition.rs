@@ -373,10 +373,7 @@ impl Acquisition {
         self.next_look_ns = now + LOOK_NS;
         if let Some(ports) = &self.ports {
             let silent = |acquisition: &Self| {
-                let lives = || {
-                    let node = acquisition.node.as_ref()?;
-                    publisher_is_alive(node, &ports.increments).then_some(())
-                };
+                let lives = || publisher_is_alive(&acquisition.domain, &ports.increments).then_some(());
                 let long = silence >= acquisition.rejoin_after_ns;
                 long.then(lives)?.map(|()| Loss::Silence(Duration::from_nanos(silence)))
             };

@@ -4,7 +4,7 @@ use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
 use crate::lag_option::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
-use crate::peers::{payload_of, publisher_of};
+use crate::peers::{payload_of, publisher_of, register_own};
 use crate::resources::check_room;
 use crate::transport::stream::{self, IpcNode};
 use iceoryx2::node::NodeCreationFailure;
@@ -134,6 +134,7 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
         NodeCreationFailure::InsufficientPermissions => permission(domain, None),
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })?;
+    register_own(&node);
     domain_files(domain).for_each(|file| file.close_to_others());
     Ok(node)
 }

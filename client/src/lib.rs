@@ -118,7 +118,7 @@ pub use loss::removed_object;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
 pub use pace::Pace;
 pub use peers::{
-    NodeHolder, Peers, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
+    NodeHolder, Peers, is_alive, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
 };
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader};

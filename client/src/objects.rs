@@ -9,11 +9,12 @@ pub(crate) use crate::transport::own_storage::SHARED_MEMORY;
 use crate::transport::stream::CREATION_TIMEOUT;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_support::failure::shown;
-use rustix::fs::OFlags;
+use rustix::fs::{Mode, OFlags, open};
 use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
 use std::hash::{BuildHasher as _, RandomState};
 use std::io::{self, Read as _, Write as _};
+use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::thread;
@@ -84,8 +85,15 @@ impl OwnFile {
         let mode = self.mode() & !OTHERS;
         if mode != self.mode() {
             // Its creator may just be removing it.
-            let _ = self.open().and_then(|file| file.set_permissions(Permissions::from_mode(mode)));
+            let _ = self.set_mode(mode);
         }
+    }
+
+    /// Sets its permissions. It is not opened for that: closing a file releases every lock that the process has on it.
+    fn set_mode(&self, mode: u32) -> io::Result<()> {
+        let file = File::from(open(&self.path, OFlags::PATH | OFlags::NOFOLLOW | OFlags::CLOEXEC, Mode::empty())?);
+        self.check(&file)?;
+        fs::set_permissions(format!("/proc/self/fd/{}", file.as_raw_fd()), Permissions::from_mode(mode))
     }
 
     /// Opens it for writing, if it is still the same file.
@@ -95,9 +103,14 @@ impl OwnFile {
     pub fn open(&self) -> io::Result<File> {
         let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let file = File::options().write(true).custom_flags(flags.bits().cast_signed()).open(&self.path)?;
+        self.check(&file).map(|()| file)
+    }
+
+    /// Whether an open file is this one.
+    fn check(&self, file: &File) -> io::Result<()> {
         let now = file.metadata()?;
         let same = (now.dev(), now.ino()) == (self.metadata.dev(), self.metadata.ino());
-        if same { Ok(file) } else { Err(io::ErrorKind::NotFound.into()) }
+        if same { Ok(()) } else { Err(io::ErrorKind::NotFound.into()) }
     }
 }
 

@@ -1,6 +1,5 @@
 //! The processes at the other end of a stream, and how this process can name them.
 
-use crate::transport::nodes;
 use crate::transport::stream::{Ipc, IpcNode, RAW_DEPTH};
 use core::fmt;
 use iceoryx2::identifiers::UniqueNodeId;
@@ -13,9 +12,11 @@ use isotherm_shared::protocol::depth_in_flight;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
+use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 /// The only publisher of a stream: its id, which is unique for ever, and its node.
 pub fn publisher_of<T: IceoryxSend + fmt::Debug + ?Sized>(
@@ -56,6 +57,26 @@ impl NodeHolder {
     }
 }
 
+/// The nodes that this process has made. Looking at the lock of one of them would release it.
+static OWN_NODES: Mutex<BTreeSet<u128>> = Mutex::new(BTreeSet::new());
+
+/// Notes that a node belongs to this process.
+pub(crate) fn register_own(node: &IpcNode) {
+    OWN_NODES.lock().unwrap_or_else(PoisonError::into_inner).insert(node.id().value());
+}
+
+/// Whether a node with this number belongs to this process.
+fn is_own(number: u128) -> bool {
+    OWN_NODES.lock().unwrap_or_else(PoisonError::into_inner).contains(&number)
+}
+
+/// Whether the process of the node with this number lives, by the identity and the lock of the node: it is this one, or
+/// one that holds the lock. Numbers of processes say nothing, since in containers every program is process 1.
+#[must_use]
+pub fn is_alive(domain: &Domain, number: u128) -> bool {
+    is_own(number) || NodeHolder::of(domain, number) != NodeHolder::Nobody
+}
+
 fn monitor(domain: &Domain, number: u128) -> PathBuf {
     Path::new(domain.root_path()).join("nodes").join(format!("{}{number}.node_monitor", domain.prefix()))
 }
@@ -64,7 +85,7 @@ fn monitor(domain: &Domain, number: u128) -> PathBuf {
 pub fn pid_of(domain: &Domain, node: UniqueNodeId) -> Option<i32> {
     // In the namespace of the process.
     let own_view = node.pid::<Ipc>().ok()?.value();
-    if own_view.cast_unsigned() == std::process::id() && has_open(&monitor(domain, node.value())) {
+    if is_own(node.value()) {
         return Some(own_view);
     }
     match NodeHolder::of(domain, node.value()) {
@@ -72,13 +93,6 @@ pub fn pid_of(domain: &Domain, node: UniqueNodeId) -> Option<i32> {
         NodeHolder::Process(pid) => Some(pid),
         NodeHolder::Elsewhere => None,
     }
-}
-
-/// Whether this process has a file of this name open.
-fn has_open(path: &Path) -> bool {
-    let files = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
-    let mut targets = files.filter_map(|file| fs::read_link(file.path()).ok());
-    targets.any(|target| target.file_name() == path.file_name())
 }
 
 /// A process id in words; `None` is one in another pid namespace.
@@ -104,11 +118,10 @@ pub fn pid_namespace() -> u64 {
 /// Whether the process of a stream's only publisher lives. The transport keeps a dead one listed until its remains are
 /// removed.
 pub(crate) fn publisher_is_alive<T: IceoryxSend + fmt::Debug>(
-    node: &IpcNode,
+    domain: &Domain,
     stream: &PortFactory<Ipc, T, ()>,
 ) -> bool {
-    let Some((_, publisher)) = publisher_of(stream) else { return false };
-    nodes::is_alive(node, publisher)
+    publisher_of(stream).is_some_and(|(_, publisher)| is_alive(domain, publisher.value()))
 }
 
 /// The name of the payload type of a stream that exists.

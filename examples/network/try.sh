@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Tests docs/network.md on one machine: two network namespaces are the hosts, each with a domain and a tunnel. Prints
-# the results. The part `users` does the same between two users over loopback. It takes about 7 minutes. It needs root (ip netns), the tunnel's program and a Rust toolchain:
+# the results. It takes about 6 minutes. It needs root (ip netns), the tunnel's program and a Rust toolchain:
 #   cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked
-#   sudo --preserve-env=PATH examples/network/try.sh [PART..]        PART: steady breaks cost users; all unless given
+#   sudo --preserve-env=PATH examples/network/try.sh [PART..]        PART: steady breaks cost; all unless given
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 cd "$here/../.."

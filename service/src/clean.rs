@@ -1,13 +1,12 @@
 //! Removing what a domain leaves behind: a few small files that the transport keeps for its next start.
 
-use isotherm_client::transport::nodes::{DomainMember, member_of};
-use isotherm_client::transport::stream::configuration;
-use isotherm_client::{Domain, check_domain, own_files, pid_of, sweep_half_created};
+use crate::leftovers;
+use isotherm_client::{Domain, NodeHolder, check_domain, own_files, sweep_half_created};
 use isotherm_support::failure::{Exit, Failure};
 use std::fs::{self, DirEntry};
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The folders that the transport creates in a domain's folder.
 const FOLDERS: [&str; 2] = ["nodes", "services"];
@@ -20,66 +19,77 @@ const FOLDERS: [&str; 2] = ["nodes", "services"];
 pub fn clean(domain: &Domain) -> Result<usize, Failure> {
     check_domain(domain)?;
     sweep_half_created(domain)?;
-    if let Some(user) = user_of(domain)? {
+    if let Some(user) = user_of(domain) {
         let message = format!("cleaning domain {:?}: {user} is using it; stop it first", domain.name());
         return Err(Failure::new(Exit::Failed, message));
     }
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
-    let mut removed = remove_streams(domain)?;
+    let mut removed = streams(domain).remove()?;
     removed += remove_prefixed(root, &prefix)?;
-    match remove_empty(root) {
+    let remove_empty = |folder: &Path| remove_empty(folder).map_err(|error| Failure::io("removing", folder, &error));
+    FOLDERS.into_iter().try_for_each(|folder| remove_empty(&root.join(folder)))?;
+    match fs::remove_dir(root) {
         // As that of the packages, which lies in a folder of root.
         Err(error) if matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ResourceBusy) => {}
-        result => result.map_err(|error| Failure::io("removing", root, &error))?,
+        _ => remove_empty(root)?,
     }
     Ok(removed)
 }
 
-/// Removes what the transport has made of `domain`: streams, members and shared memory. What processes note for each
-/// other in the domain's folder stays. Returns how many objects were removed.
-///
-/// # Errors
-/// If something cannot be removed.
-pub(crate) fn remove_streams(domain: &Domain) -> Result<usize, Failure> {
+/// What the transport has made of a domain: streams, members and shared memory. What processes note for each other in
+/// the domain's folder does not belong to it.
+pub(crate) struct TransportObjects {
+    files: Vec<PathBuf>,
+    /// Of the members.
+    folders: Vec<PathBuf>,
+}
+
+/// What there is now. What a process makes afterwards, by joining, has other names.
+pub(crate) fn streams(domain: &Domain) -> TransportObjects {
     /// How the names of the transport's files in the domain's folder end: sockets, and a counter.
     const ENDINGS: [&[u8]; 2] = [b".event", b".global_mgmt"];
     let (root, prefix) = (Path::new(domain.root_path()), domain.prefix());
-    let mut removed = 0;
-    for object in own_files("/dev/shm", &prefix) {
-        removed += remove(&object.path)?;
-    }
-    // Remove only what the transport has created: a user may have named a folder that has other files.
-    for entry in prefixed(root, &prefix) {
-        if ENDINGS.iter().any(|ending| entry.file_name().as_encoded_bytes().ends_with(ending)) {
-            removed += remove(&entry.path())?;
-        }
-    }
+    let mut files: Vec<_> = own_files("/dev/shm", &prefix).map(|object| object.path).collect();
+    // Only what the transport has created: a user may have named a folder that has other files.
+    let is_transports =
+        |entry: &DirEntry| ENDINGS.iter().any(|ending| entry.file_name().as_encoded_bytes().ends_with(ending));
+    files.extend(prefixed(root, &prefix).filter(is_transports).map(|entry| entry.path()));
+    let mut folders = Vec::new();
     for folder in FOLDERS.map(|folder| root.join(folder)) {
-        removed += remove_prefixed(&folder, &prefix)?;
+        files.extend(prefixed(&folder, &prefix).map(|entry| entry.path()));
         for inner in fs::read_dir(&folder).into_iter().flatten().flatten() {
             if inner.file_type().is_ok_and(|kind| kind.is_dir()) {
-                removed += remove_prefixed(&inner.path(), &prefix)?;
-                remove_empty(&inner.path()).map_err(|error| Failure::io("removing", &inner.path(), &error))?;
+                files.extend(prefixed(&inner.path(), &prefix).map(|entry| entry.path()));
+                folders.push(inner.path());
             }
         }
-        remove_empty(&folder).map_err(|error| Failure::io("removing", &folder, &error))?;
     }
-    Ok(removed)
+    TransportObjects { files, folders }
 }
 
-/// A process that uses the domain, for messages: one that the transport lists, or one that has the domain's memory
-/// mapped.
-fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
-    configuration(domain).map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
-    let folder = Path::new(domain.root_path()).join(FOLDERS[0]);
-    let member = if folder.is_dir() { member_of(domain) } else { Ok(None) };
-    let failed = |error: String| format!("listing the processes of domain {:?}: {error}", domain.name());
-    let user = member.map_err(|error| Failure::new(Exit::Failed, failed(error)))?.map(|member| match member {
-        DomainMember::Node(id) => match pid_of(domain, id) {
-            Some(pid) => format!("pid {pid}"),
-            None => "a process of another pid namespace".to_owned(),
-        },
-        DomainMember::Unknown => "a process that cannot be identified".to_owned(),
+impl TransportObjects {
+    /// Removes it. Returns how many objects were removed.
+    ///
+    /// # Errors
+    /// If something cannot be removed.
+    pub(crate) fn remove(self) -> Result<usize, Failure> {
+        let mut removed = 0;
+        for path in &self.files {
+            removed += remove(path)?;
+        }
+        for folder in &self.folders {
+            remove_empty(folder).map_err(|error| Failure::io("removing", folder, &error))?;
+        }
+        Ok(removed)
+    }
+}
+
+/// A process that uses the domain, for messages. Where somebody has removed the domain's folder, there are no nodes to
+/// look at, and a process counts that has the domain's memory mapped.
+fn user_of(domain: &Domain) -> Option<String> {
+    let member = leftovers::living_nodes(domain).next().map(|number| match NodeHolder::of(domain, number) {
+        NodeHolder::Process(pid) => format!("pid {pid}"),
+        NodeHolder::Elsewhere | NodeHolder::Nobody => "a process of another pid namespace".to_owned(),
     });
     let needle = format!("/dev/shm/{}", domain.prefix());
     let mapped = || {
@@ -90,7 +100,7 @@ fn user_of(domain: &Domain) -> Result<Option<String>, Failure> {
         let mut pids = processes.filter(own).filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
         pids.find(|pid| fs::read_to_string(format!("/proc/{pid}/maps")).is_ok_and(|maps| maps.contains(&needle)))
     };
-    Ok(user.or_else(|| mapped().map(|pid| format!("pid {pid}"))))
+    member.or_else(|| mapped().map(|pid| format!("pid {pid}")))
 }
 
 /// Removes the files and sockets of the domain's folder, or a folder in it, whose names begin with `prefix`.
@@ -109,8 +119,10 @@ fn prefixed(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use
 }
 
 fn remove(path: &Path) -> Result<usize, Failure> {
-    fs::remove_file(path).map_err(|error| Failure::io("removing", path, &error))?;
-    Ok(1)
+    match fs::remove_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
+        result => result.map(|()| 1).map_err(|error| Failure::io("removing", path, &error)),
+    }
 }
 
 /// Removes a folder if it is empty.

@@ -152,7 +152,7 @@ impl<'a> Service<'a> {
             events,
             lock,
             mark: Some(mark),
-            leftovers: Leftovers::new(domain, &node),
+            leftovers: Leftovers::new(domain),
             node,
             publisher,
             logged: LogState { held_back: vec![false; workers.len()], ..LogState::default() },

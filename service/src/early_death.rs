@@ -1,15 +1,16 @@
 //! Services that die within the first second.
 //!
 //! What dead processes leave in shared memory may be damaged, by a fault of the memory or by a program that wrote where
-//! it should not. A service that finds it dies at its start, whenever it is started. So each start leaves a mark, which
-//! is removed when the service has run for a second or ends in order. A start that finds the mark of the one before
-//! clears the domain.
+//! it should not. A service that finds it dies at its start, whenever it is started. So a start that finds no living
+//! process of the domain removes everything first. Where processes live, they keep what they use, until two services in
+//! a row have crashed within their first second: each start leaves a mark, to which a crash adds a letter, and which is
+//! removed when the service has run for a second or ends in order.
 
 use crate::crash::{self, CRASH};
 use crate::{clean, leftovers};
 use isotherm_client::{Domain, Note};
 use std::time::{Duration, Instant};
-use tracing::warn;
+use tracing::{debug, warn};
 
 /// So long a service must have run.
 const EARLY: Duration = Duration::from_secs(1);
@@ -24,18 +25,19 @@ pub(crate) struct StartMark {
 }
 
 impl StartMark {
-    /// Leaves the mark. Clears the domain if the service before has died early.
+    /// Leaves the mark. Removes what is left of the domain if nobody uses it, or if services keep crashing.
     pub(crate) fn leave(domain: &Domain) -> Self {
         let note = Note::new(domain, "starting");
-        let before = note.read();
-        let crashes = before.as_deref().map_or(0, crashes);
-        if crashes >= CRASHES_BESIDE_OTHERS || before.is_some() && !leftovers::is_in_use(domain) {
-            match clean::remove_streams(domain) {
-                Ok(0) => {}
-                Ok(removed) => warn!(
+        let crashes = note.read().as_deref().map_or(0, crashes);
+        // Before it is known who lives: what a process makes that joins meanwhile is not among them.
+        let objects = clean::streams(domain);
+        if crashes >= CRASHES_BESIDE_OTHERS || leftovers::living_nodes(domain).next().is_none() {
+            match objects.remove() {
+                Ok(removed) if crashes > 0 && removed > 0 => warn!(
                     "the last service has died within a second of its start: {removed} objects that were left of the domain are removed, since \
                      they may be damaged"
                 ),
+                Ok(removed) => debug!("{removed} objects of dead processes are removed"),
                 Err(error) => warn!("removing what is left of the domain: {error}"),
             }
         }

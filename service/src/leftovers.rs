@@ -13,7 +13,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_hash::ServiceHash;
 use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::{CREATION_TIMEOUT, Ipc, IpcNode};
-use isotherm_client::{NodeHolder, check_room, domain_files};
+use isotherm_client::{check_room, domain_files, is_alive};
 use isotherm_shared::names::Domain;
 use rustix::fs::{MemfdFlags, memfd_create};
 use std::collections::{BTreeSet, HashMap};
@@ -70,15 +70,14 @@ fn clear_dead(domain: &Domain) {
 pub(crate) struct Leftovers {
     nodes: PathBuf,
     domain: Domain,
-    own_pid: u32,
     /// Dead nodes by number, with how many searches in a row have found them dead.
     dead: HashMap<u128, u32>,
 }
 
 impl Leftovers {
-    /// For the domain of `node`.
-    pub(crate) fn new(domain: &Domain, node: &IpcNode) -> Self {
-        Self { nodes: nodes(domain), domain: domain.clone(), own_pid: pid(node.id().value()), dead: HashMap::new() }
+    /// For this domain.
+    pub(crate) fn new(domain: &Domain) -> Self {
+        Self { nodes: nodes(domain), domain: domain.clone(), dead: HashMap::new() }
     }
 
     /// Searches once, and removes the leftovers of processes that have been dead for long enough. `ports` are the ports
@@ -91,14 +90,9 @@ impl Leftovers {
                 let _ = fs::remove_file(file.path);
             }
         }
-        // A node's number must contain its process id. If a later version of the transport makes numbers in another
-        // way, stop here.
-        if self.own_pid != std::process::id() {
-            return;
-        }
         let mut numbers = node_numbers(&self.domain);
         numbers.extend(ports.iter().map(|(node, _)| node.value()));
-        numbers.retain(|number| !self.may_be_alive(*number));
+        numbers.retain(|number| !is_alive(&self.domain, *number));
         self.dead.retain(|number, _| numbers.contains(number));
         for number in numbers {
             let passes = self.dead.entry(number).or_default();
@@ -118,11 +112,6 @@ impl Leftovers {
                 self.dead.remove(&number);
             }
         }
-    }
-
-    /// Whether the process of a node may be alive.
-    fn may_be_alive(&self, number: u128) -> bool {
-        pid(number) == self.own_pid || may_be_alive(&self.domain, number)
     }
 
     /// Removes the files of a dead node.
@@ -148,15 +137,9 @@ fn node_numbers(domain: &Domain) -> BTreeSet<u128> {
     names.filter_map(|name| name.strip_prefix(&prefix).unwrap_or(&name).split('.').next()?.parse().ok()).collect()
 }
 
-/// Whether the process of a node may be alive. A live process that is not visible in `/proc` still holds its lock.
-fn may_be_alive(domain: &Domain, number: u128) -> bool {
-    Path::new(&format!("/proc/{}", pid(number))).exists() || NodeHolder::of(domain, number) != NodeHolder::Nobody
-}
-
-/// Whether a process of the domain may be alive in addition to this one.
-pub(crate) fn is_in_use(domain: &Domain) -> bool {
-    let others = node_numbers(domain).into_iter().filter(|number| pid(*number) != std::process::id());
-    others.into_iter().any(|number| may_be_alive(domain, number))
+/// The numbers of the nodes whose processes live.
+pub(crate) fn living_nodes(domain: &Domain) -> impl Iterator<Item = u128> {
+    node_numbers(domain).into_iter().filter(|number| is_alive(domain, *number))
 }
 
 fn nodes(domain: &Domain) -> PathBuf {
@@ -199,8 +182,7 @@ pub(crate) fn ports_of_event(event: &event::PortFactory<Ipc>) -> Vec<Port> {
 
 /// Removes the ports whose process is dead.
 pub(crate) fn remove_dead(domain: &Domain, node: &IpcNode, ports: &[Port]) {
-    let leftovers = Leftovers::new(domain, node);
-    for (port, service) in ports.iter().filter(|(port, _)| !leftovers.may_be_alive(port.value())) {
+    for (port, service) in ports.iter().filter(|(port, _)| !is_alive(domain, port.value())) {
         let result = nodes::remove_ports(node, port, service);
         debug!("removing a port of dead process {}: {result:?}", pid(port.value()));
     }

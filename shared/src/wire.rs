@@ -369,7 +369,9 @@ flags! {
         /// The interval is 0 or longer than an hour. The increments are NaN.
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
         /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
-        NO_TABLE = 19, "Install the table's file; it is loaded without a restart.";
+        NO_TABLE = 19,
+            "`status` says why: the file is absent or refused, and no table from before is kept. Install a good file, which is loaded without a \
+             restart, or accept the file that is there with `reload`.";
         /// The temperature is older than the table's `max_age_s`, or newer than the end of the control period by as
         /// much. It is not flagged if its age is unknown. The increment is computed.
         TELEMETRY_STALE = 20,

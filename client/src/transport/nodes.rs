@@ -4,7 +4,6 @@
 use super::stream::{Ipc, IpcNode, configuration};
 use core::time::Duration;
 use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::{CallbackProgression, Node, NodeState};
 use iceoryx2::service::internal::ServiceInternal as _;
 use iceoryx2::service::service_hash::ServiceHash;
@@ -17,46 +16,6 @@ use isotherm_shared::names::Domain;
 pub fn configuration_text(domain: &Domain) -> Result<String, String> {
     let config = configuration(domain).map_err(|error| error.to_string())?;
     toml::to_string(&config).map_err(|error| error.to_string())
-}
-
-/// Whether the process of a node lives.
-pub fn is_alive(node: &IpcNode, id: UniqueNodeId) -> bool {
-    let mut alive = false;
-    let listed = Node::<Ipc>::list(node.config(), |state| match state {
-        NodeState::Alive(view) if *view.id() == id => {
-            alive = true;
-            CallbackProgression::Stop
-        }
-        _ => CallbackProgression::Continue,
-    });
-    alive && listed.is_ok()
-}
-
-/// A process that is a member of a domain.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub enum DomainMember {
-    /// That of this node.
-    Node(UniqueNodeId),
-    /// One that cannot be identified.
-    Unknown,
-}
-
-/// A process that is a member of `domain`, if there is any that is not known to be dead.
-///
-/// # Errors
-/// Why the nodes cannot be listed.
-pub fn member_of(domain: &Domain) -> Result<Option<DomainMember>, String> {
-    let config = configuration(domain).map_err(|error| error.to_string())?;
-    let mut member = None;
-    let listed = Node::<Ipc>::list(&config, |node| {
-        member = match &node {
-            NodeState::Alive(view) => Some(DomainMember::Node(*view.id())),
-            NodeState::Inaccessible(_) | NodeState::Undefined(_) => Some(DomainMember::Unknown),
-            NodeState::Dead(_) => return CallbackProgression::Continue,
-        };
-        CallbackProgression::Stop
-    });
-    listed.map(|()| member).map_err(|error| error.to_string())
 }
 
 /// Removes what dead processes have left, without joining the domain.

@@ -2,7 +2,6 @@
 
 use crate::config_source::ConfigSource;
 use crate::control::{self, ServiceEnd};
-use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
@@ -57,13 +56,13 @@ impl Serve {
         let source = ConfigSource { file: config, imus: imu, trust };
         match control::run(domain, source, allow_uncalibrated)? {
             ServiceEnd::Stopped => Ok(()),
-            ServiceEnd::BeginsAnew(lock) => Err(begin_anew(&lock)),
+            ServiceEnd::BeginsAnew(_lock) => Err(begin_anew()),
         }
     }
 }
 
 /// Executes this program again with the same arguments, as the same process. Returns only if that fails.
-fn begin_anew(lock: &DomainLock) -> Failure {
+fn begin_anew() -> Failure {
     logging::flush();
     let mut arguments = env::args_os();
     // The program may have been replaced meanwhile; this is the one that runs.
@@ -71,10 +70,7 @@ fn begin_anew(lock: &DomainLock) -> Failure {
     if let Some(name) = arguments.next() {
         program.arg0(name);
     }
-    let error = match lock.keep_over_exec() {
-        Ok(()) => program.args(arguments).exec(),
-        Err(error) => error,
-    };
+    let error = program.args(arguments).exec();
     Failure::new(Exit::Failed, format!("restarting: executing this program again: {error}; start the service"))
 }
 

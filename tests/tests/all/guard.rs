@@ -184,8 +184,8 @@ fn each_imu_is_judged_by_itself() {
     domain.write("imu-a.toml", TABLE);
     domain.write("imu-b.toml", "format = 1\n");
     let both = ["--imu", "imu-a=imu-a.toml", "--imu", "imu-b=imu-b.toml"];
-    // An IMU of which nothing is known is served without a table, together with one that can be served; at a first start,
-    // too.
+    // An IMU of which nothing is known is served without a table, together with one that can be served. A first start
+    // does so, too.
     let service = domain.serve(&both);
     assert!(service.log().contains("there is no table for this IMU, and the others are served"), "{}", service.log());
     let increment = round_trip(&mut domain.acquisition("imu-b"), &recording()[0]);
@@ -298,8 +298,8 @@ fn a_memory_that_was_taken_away_is_missed() {
     assert!(text(&output.stderr).contains("was kept and cannot be read any more"), "{}", text(&output.stderr));
     reload(&domain, "isothermd", &digest(&variant(1)), 0);
     domain.serve(&["--imu", "imu-a=imu-a.toml"]).terminate();
-    // Removing only the kept table is no way round: that IMU has no table until its file is accepted, and the others are
-    // served.
+    // Removing only the kept table is no way round: that IMU has no table until its file is accepted. The others have
+    // theirs.
     domain.write("imu-a.toml", &lost_digit());
     domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
     let folder = state.join(domain.client_domain().name());

@@ -3,6 +3,7 @@
 
 use isotherm_client::{ConnectError, Options};
 use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, recording, round_trip, skip, text, wait_until};
+use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
 use std::time::Duration;
@@ -105,4 +106,91 @@ fn processes_of_another_pid_namespace_are_named_as_they_are_seen() {
     service.kill();
     wait_until("the end of the service", || !fs::exists(format!("/proc/{seen}")).unwrap());
     told(&PID, &["status"], "no service is running");
+}
+
+/// The objects of the domain in shared memory, and its nodes.
+fn objects(domain: &TestDomain) -> (BTreeSet<String>, usize) {
+    let (root, prefix) = (domain.client_domain().root_path(), domain.client_domain().prefix());
+    let names = |folder: &str| {
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        names.filter(|name| name.starts_with(&prefix)).collect::<BTreeSet<_>>()
+    };
+    let nodes = names(&format!("{root}/nodes")).into_iter().filter(|name| name.ends_with(".node_monitor")).count();
+    (names("/dev/shm"), nodes)
+}
+
+/// As in containers: every program is process 1.
+#[test]
+fn early_deaths_of_a_service_leave_living_clients_their_memory_where_all_are_process_1() {
+    if !may_unshare(&PID) {
+        return;
+    }
+    let domain = TestDomain::new();
+    domain.write("no-such-core.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[realtime]\ncore = 1000\n");
+    let mut service = serve_in(&domain, &PID);
+    let out = domain.path("increments.csv");
+    let record = ["record", "--imu", "imu-a", "--stream", "increment", "-o", out.to_str().unwrap()];
+    let recorder = domain.start(domain.isotherm_after(&PID, "true", &record));
+    recorder.wait_for_log("recording imu-a");
+    let feed = domain.start(domain.isotherm_after(
+        &PID,
+        "true",
+        &[
+            "feed",
+            "--imu",
+            "imu-a",
+            "--rate",
+            "1000",
+            "--timeout",
+            "60",
+            RUN,
+            "-o",
+            domain.path("fed.csv").to_str().unwrap(),
+        ],
+    ));
+    wait_until("samples", || domain.imu_status()["compensated"].as_u64().unwrap() > 100);
+    for _ in 0..4 {
+        // It dies within its first second.
+        service.kill();
+        // A start that fails after it has begun.
+        let failed = domain.isotherm_after(&PID, "true", &["serve", "--config", "no-such-core.toml"]).output().unwrap();
+        assert!(!failed.status.success());
+        service = serve_in(&domain, &PID);
+    }
+    let (status, log) = feed.wait();
+    assert!(status.success(), "{log}");
+    let rows = |name: &str| {
+        let text = fs::read_to_string(domain.path(name)).unwrap_or_default();
+        text.lines().filter(|line| line.starts_with(|first: char| first.is_ascii_digit())).count()
+    };
+    wait_until("all increments", || rows("increments.csv") == rows("fed.csv"));
+    recorder.kill();
+    service.kill();
+}
+
+#[test]
+fn what_killed_clients_leave_is_removed_where_all_are_process_1() {
+    if !may_unshare(&PID) {
+        return;
+    }
+    let domain = TestDomain::new();
+    let service = serve_in(&domain, &PID);
+    let (_, nodes) = objects(&domain);
+    for _ in 0..12 {
+        let client = domain.start(domain.isotherm_after(&PID, "true", &["record", "--imu", "imu-a", "-o", "r.csv"]));
+        client.wait_for_log("recording imu-a");
+        client.kill();
+        let _ = fs::remove_file(domain.path("r.csv"));
+    }
+    wait_until("the nodes of the dead to be removed", || objects(&domain).1 == nodes);
+    // A living member of another namespace keeps `clean` away, and a dead one does not.
+    let refused = domain.isotherm_after(&PID, "true", &["clean"]).output().unwrap();
+    assert!(text(&refused.stderr).contains("is using it"), "{}", text(&refused.stderr));
+    let seen = child_of(&service);
+    service.kill();
+    wait_until("the end of the service", || !fs::exists(format!("/proc/{seen}")).unwrap());
+    let cleaned = domain.isotherm_after(&PID, "true", &["clean"]).output().unwrap();
+    assert!(cleaned.status.success(), "{}", text(&cleaned.stderr));
+    assert_eq!(objects(&domain), (BTreeSet::new(), 0));
 }
