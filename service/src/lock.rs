@@ -1,23 +1,23 @@
 //! The lock that keeps a second service out of a domain.
 //!
-//! It is a lock on a file in the domain's folder, which the kernel releases when the process ends, or closes any
-//! descriptor of the file. So the file is this process's standard input, which nobody closes and which a service that
-//! executes itself anew keeps, with the lock.
+//! It is a lock on a file in the domain's folder, which the kernel releases when the process ends. It belongs to the
+//! process, so a service that executes itself anew keeps it.
 
 use isotherm_client::{Domain, prepare};
 use isotherm_support::failure::{Exit, Failure};
-use rustix::fs::{FlockOperation, OFlags, fcntl_lock, fstat, ftruncate};
-use rustix::io::pwrite;
+use rustix::fs::{FlockOperation, OFlags, fcntl_lock};
+use rustix::io::{FdFlags, fcntl_setfd};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
-use rustix::stdio::{dup2_stdin, stdin};
-use std::fs::{self, File, Metadata};
-use std::io;
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::fs::File;
+use std::io::{self, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::PathBuf;
 
-/// The sole right to serve a domain, until the process ends.
+/// The sole right to serve a domain. The file stays open until the process ends: closing it would release the lock.
 #[derive(Debug)]
-pub(crate) struct DomainLock;
+pub(crate) struct DomainLock {
+    file: File,
+}
 
 impl DomainLock {
     /// Takes the lock.
@@ -31,14 +31,9 @@ impl DomainLock {
         let mut options = File::options();
         options.write(true).create(true).truncate(false).mode(0o600);
         options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed());
-        // A service that has executed itself anew has the file already.
-        let has_it =
-            |found: Metadata| fstat(stdin()).is_ok_and(|own| (own.st_dev, own.st_ino) == (found.dev(), found.ino()));
-        if !fs::symlink_metadata(&path).is_ok_and(has_it) {
-            dup2_stdin(options.open(&path).map_err(failed)?).map_err(|error| failed(error.into()))?;
-        }
-        if let Err(error) = fcntl_lock(stdin(), FlockOperation::NonBlockingLockExclusive) {
-            let holder = fcntl_getlk(stdin(), &Flock::from(FlockType::WriteLock)).ok().flatten();
+        let mut file = options.open(&path).map_err(failed)?;
+        if let Err(error) = fcntl_lock(&file, FlockOperation::NonBlockingLockExclusive) {
+            let holder = fcntl_getlk(&file, &Flock::from(FlockType::WriteLock)).ok().flatten();
             let Some(holder) = holder else { return Err(failed(error.into())) };
             let pid = match holder.pid {
                 Some(pid) => format!(", pid {}", pid.as_raw_nonzero()),
@@ -51,7 +46,15 @@ impl DomainLock {
             return Err(Failure::new(Exit::Failed, message));
         }
         // For people who look at it.
-        let _ = ftruncate(stdin(), 0).and_then(|()| pwrite(stdin(), format!("{}\n", std::process::id()).as_bytes(), 0));
-        Ok(Self)
+        let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
+        Ok(Self { file })
+    }
+
+    /// Keeps the lock when the process executes itself anew.
+    ///
+    /// # Errors
+    /// The operating system's.
+    pub(crate) fn keep_over_exec(&self) -> io::Result<()> {
+        Ok(fcntl_setfd(&self.file, FdFlags::empty())?)
     }
 }

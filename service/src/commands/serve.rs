@@ -2,6 +2,7 @@
 
 use crate::config_source::ConfigSource;
 use crate::control::{self, ServiceEnd};
+use crate::lock::DomainLock;
 use crate::logging::{self, LogFormat};
 use clap::Args;
 use isotherm_client::{Domain, ImuId};
@@ -56,13 +57,13 @@ impl Serve {
         let source = ConfigSource { file: config, imus: imu, trust };
         match control::run(domain, source, allow_uncalibrated)? {
             ServiceEnd::Stopped => Ok(()),
-            ServiceEnd::BeginsAnew(_lock) => Err(begin_anew()),
+            ServiceEnd::BeginsAnew(lock) => Err(begin_anew(&lock)),
         }
     }
 }
 
 /// Executes this program again with the same arguments, as the same process. Returns only if that fails.
-fn begin_anew() -> Failure {
+fn begin_anew(lock: &DomainLock) -> Failure {
     logging::flush();
     let mut arguments = env::args_os();
     // The program may have been replaced meanwhile; this is the one that runs.
@@ -70,7 +71,10 @@ fn begin_anew() -> Failure {
     if let Some(name) = arguments.next() {
         program.arg0(name);
     }
-    let error = program.args(arguments).exec();
+    let error = match lock.keep_over_exec() {
+        Ok(()) => program.args(arguments).exec(),
+        Err(error) => error,
+    };
     Failure::new(Exit::Failed, format!("restarting: executing this program again: {error}; start the service"))
 }
 
