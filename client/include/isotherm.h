@@ -36,7 +36,7 @@
  * Processes. A child made by fork() can neither use nor close its parent's handles (ISOTHERM_ERROR_FORKED). It must not access its
  * parent's samples, and it must connect again. A child made by the system call clone() with a copy of the memory gets the same code,
  * but cannot connect, since the C library does not know it. A child that shares the memory, as by vfork(), must call no function.
- * exec() needs no special care.
+ * exec() closes all descriptors of the library but the socket of each wake-up event, which needs no special care.
  *
  * Real time. isotherm_loan, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system call while service and
  * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and

@@ -5,7 +5,8 @@ use crate::folder::{self, check_owner};
 use crate::lag_option::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of, register_own};
-use crate::resources::check_room;
+use crate::resources::{check_memory, check_room};
+use crate::transport::own_static::close_on_exec;
 use crate::transport::stream::{self, IpcNode};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
@@ -110,9 +111,10 @@ pub fn domain(name: Option<&str>) -> Result<Domain, DomainError> {
 /// As [`join`], but only if a service has used the domain: a client creates nothing in a domain that does not exist.
 ///
 /// # Errors
-/// [`ConnectError::NoService`] in addition to those of [`join`].
+/// [`ConnectError::NoService`] and [`ConnectError::OtherMemory`] in addition to those of [`join`].
 pub fn join_existing(domain: &Domain) -> Result<IpcNode, ConnectError> {
     check_domain(domain)?;
+    check_memory(domain)?;
     match fs::exists(format!("{}/services", domain.root_path())) {
         Ok(false) => Err(ConnectError::NoService(domain.name().to_owned())),
         Ok(true) | Err(_) => join(domain),
@@ -135,6 +137,9 @@ pub fn join(domain: &Domain) -> Result<IpcNode, ConnectError> {
         other => ConnectError::transport("creating a node", format!("{other:?}")),
     })?;
     register_own(&node);
+    // The files by which others see that this process lives.
+    let monitor = format!("{}.node_monitor", node.id().value());
+    close_on_exec(|name| name.contains(&monitor));
     domain_files(domain).for_each(|file| file.close_to_others());
     Ok(node)
 }

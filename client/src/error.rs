@@ -93,6 +93,12 @@ pub enum ConnectError {
         /// How far the service's clock is ahead \[ns\].
         ahead_ns: i64,
     },
+    /// The service's shared memory is not this process's.
+    #[error(
+        "the service has another {SHARED_MEMORY} than this process: they are in different mount namespaces, as of containers; give both the \
+         same one, as with --ipc=host or --volume {SHARED_MEMORY}:{SHARED_MEMORY}"
+    )]
+    OtherMemory,
     /// Any other error of the transport.
     #[error(
         "transport: {phase}: {cause}; {remedy}",
@@ -146,6 +152,7 @@ impl ConnectError {
                 | Self::Exhausted(_)
                 | Self::OtherVersion { .. }
                 | Self::OtherClock { .. }
+                | Self::OtherMemory
         )
     }
 
@@ -165,7 +172,8 @@ impl From<ConnectError> for Failure {
             ConnectError::NoService(_)
             | ConnectError::NoSuchImu { .. }
             | ConnectError::OtherVersion { .. }
-            | ConnectError::OtherClock { .. } => Exit::Unavailable,
+            | ConnectError::OtherClock { .. }
+            | ConnectError::OtherMemory => Exit::Unavailable,
             ConnectError::Domain(_) => Exit::Usage,
             ConnectError::Exhausted(_) => Exit::Io,
             ConnectError::Permission { .. } | ConnectError::Foreign(_) => Exit::OtherUser,

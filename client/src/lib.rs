@@ -124,7 +124,7 @@ pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams};
-pub use resources::{check_descriptors, check_room, reserve};
+pub use resources::{check_descriptors, check_room, note_memory, reserve};
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};
 pub use transport::ports::Payload;

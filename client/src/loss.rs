@@ -5,6 +5,7 @@
 //! the object of a connection before the processes that it is for.
 
 use crate::objects::{SHARED_MEMORY, entries, is_own};
+use crate::peers::is_own_node;
 use core::fmt;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::shown;
@@ -38,25 +39,27 @@ impl fmt::Display for Loss {
     }
 }
 
-/// An object in shared memory that describes a stream of `domain`, or the file that shows that this process is alive,
-/// if this process has it open and it was removed.
+/// An object in shared memory or a file that describes a stream of `domain`, or the file that shows that this process
+/// is alive, if this process has it open and it was removed.
 ///
 /// The transport removes them only when nobody uses them any more.
 #[must_use]
 pub fn removed_object(domain: &Domain) -> Option<PathBuf> {
     const DELETED: &str = " (deleted)";
     let prefix = format!("{SHARED_MEMORY}/{}", domain.prefix());
-    let monitors = format!("{}/nodes/{}", domain.root_path(), domain.prefix());
+    let [monitors, streams] =
+        ["nodes", "services"].map(|folder| format!("{}/{folder}/{}", domain.root_path(), domain.prefix()));
     let names = fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
     let targets = names.filter_map(|entry| fs::read_link(entry.path()).ok()?.into_os_string().into_string().ok());
     let mut removed = targets.filter_map(|target| target.strip_suffix(DELETED).map(str::to_owned));
-    // The number of a process's member has its process id in the upper half.
-    let is_own = |number: &str| number.parse().is_ok_and(|number: u128| (number >> 64) as u32 == std::process::id());
     let is_own_monitor = |path: &str| {
         let number = path.strip_prefix(&monitors).and_then(|rest| rest.strip_suffix(".node_monitor"));
-        number.is_some_and(is_own)
+        number.and_then(|number| number.parse().ok()).is_some_and(is_own_node)
     };
-    let describes = |path: &String| path.starts_with(&prefix) && path.ends_with(".dynamic") || is_own_monitor(path);
+    let describes = |path: &String| {
+        let is_stream = path.starts_with(&prefix) && path.ends_with(".dynamic") || path.starts_with(&streams);
+        is_stream || is_own_monitor(path)
+    };
     removed.find(describes).map(PathBuf::from)
 }
 

@@ -14,6 +14,7 @@ use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
+use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -37,7 +38,8 @@ pub enum NodeHolder {
     Nobody,
     /// The process with this id, as this process sees it.
     Process(i32),
-    /// A process of another pid namespace, which this process cannot see.
+    /// A process that this process cannot see: one of another pid namespace, or of a node that cannot be looked at, as
+    /// where no more files may be opened.
     Elsewhere,
 }
 
@@ -51,8 +53,9 @@ impl NodeHolder {
         // The kernel gives the holder's id in the namespace of who asks, and 0 where it has none there.
         match lock {
             Ok(Some(Flock { pid: Some(pid), .. })) => Self::Process(pid.as_raw_nonzero().get()),
-            Ok(Some(_)) => Self::Elsewhere,
-            Ok(None) | Err(_) => Self::Nobody,
+            Ok(None) => Self::Nobody,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Self::Nobody,
+            Ok(Some(_)) | Err(_) => Self::Elsewhere,
         }
     }
 }
@@ -66,7 +69,7 @@ pub(crate) fn register_own(node: &IpcNode) {
 }
 
 /// Whether a node with this number belongs to this process.
-fn is_own(number: u128) -> bool {
+pub(crate) fn is_own_node(number: u128) -> bool {
     OWN_NODES.lock().unwrap_or_else(PoisonError::into_inner).contains(&number)
 }
 
@@ -74,7 +77,7 @@ fn is_own(number: u128) -> bool {
 /// one that holds the lock. Numbers of processes say nothing, since in containers every program is process 1.
 #[must_use]
 pub fn is_alive(domain: &Domain, number: u128) -> bool {
-    is_own(number) || NodeHolder::of(domain, number) != NodeHolder::Nobody
+    is_own_node(number) || NodeHolder::of(domain, number) != NodeHolder::Nobody
 }
 
 fn monitor(domain: &Domain, number: u128) -> PathBuf {
@@ -85,7 +88,7 @@ fn monitor(domain: &Domain, number: u128) -> PathBuf {
 pub fn pid_of(domain: &Domain, node: UniqueNodeId) -> Option<i32> {
     // In the namespace of the process.
     let own_view = node.pid::<Ipc>().ok()?.value();
-    if is_own(node.value()) {
+    if is_own_node(node.value()) {
         return Some(own_view);
     }
     match NodeHolder::of(domain, node.value()) {

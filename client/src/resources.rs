@@ -5,13 +5,16 @@
 //! anything is written to them ([`crate::transport::own_storage`]); those that other programs have created, here.
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
-use crate::objects::{SHARED_MEMORY, own_files};
+use crate::objects::{Note, SHARED_MEMORY, own_files};
+use crate::peers::is_alive;
 use crate::transport::own_storage::allocate_pages;
+use crate::transport::stream::IpcNode;
 use isotherm_shared::names::Domain;
 use rustix::fs::{Access, access};
 use rustix::io::Errno;
 use rustix::process::{Resource, getrlimit};
-use std::fs;
+use std::os::unix::fs::MetadataExt as _;
+use std::{fs, io};
 
 /// Shared memory that a client needs at most, for its streams and their connections \[bytes\].
 const ROOM_OF_A_CLIENT: u64 = 3 << 19;
@@ -66,6 +69,41 @@ pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
         }
     }
     Ok(())
+}
+
+/// The note of the service: the device of its shared memory, and its node.
+fn memory_note(domain: &Domain) -> Note {
+    Note::new(domain, "memory")
+}
+
+/// The device of the file system in which this process has its shared memory.
+fn memory_device() -> io::Result<u64> {
+    fs::metadata(SHARED_MEMORY).map(|found| found.dev())
+}
+
+/// Notes in the domain's folder which shared memory the service with this node uses. Its clients may share the folder
+/// and not the memory, as in a container.
+///
+/// # Errors
+/// The operating system's.
+pub fn note_memory(domain: &Domain, node: &IpcNode) -> io::Result<()> {
+    memory_note(domain).write(format!("{} {}\n", memory_device()?, node.id().value()).as_bytes())
+}
+
+/// Checks that the service of `domain`, if one lives, has the shared memory that this process has.
+///
+/// # Errors
+/// [`ConnectError::OtherMemory`] if not.
+pub(crate) fn check_memory(domain: &Domain) -> Result<(), ConnectError> {
+    let noted = || {
+        let text = String::from_utf8(memory_note(domain).read()?).ok()?;
+        let (device, node) = text.trim_end().split_once(' ')?;
+        Some((device.parse::<u64>().ok()?, node.parse().ok()?))
+    };
+    match noted().zip(memory_device().ok()) {
+        Some(((device, node), own)) if device != own && is_alive(domain, node) => Err(ConnectError::OtherMemory),
+        _ => Ok(()),
+    }
 }
 
 /// Checks that this process may open enough files for a service of `imus` IMUs, or for a client (0).

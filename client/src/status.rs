@@ -229,16 +229,12 @@ impl StatusReader {
 pub fn fetch_status(options: &Options) -> Result<ServiceStatus, StatusError> {
     let called_ns = monotonic_ns();
     let mut polls = Polls::until(Instant::now() + STATUS_LIMIT);
-    let reader = loop {
-        match StatusReader::connect(&options.domain) {
-            Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
-                let exhausted = || StatusError::Connect(ConnectError::Exhausted(cause));
-                return noted(&options.domain, called_ns).ok_or_else(exhausted);
-            }
-            // What another member of the domain's group has just made is not open to the group yet.
-            Err(StatusError::Transport { .. }) if polls.goes_on() => thread::sleep(PAUSE),
-            reader => break reader?,
+    let reader = match StatusReader::connect(&options.domain) {
+        Err(StatusError::Connect(ConnectError::Exhausted(cause))) => {
+            let exhausted = || StatusError::Connect(ConnectError::Exhausted(cause));
+            return noted(&options.domain, called_ns).ok_or_else(exhausted);
         }
+        reader => reader?,
     };
     while polls.goes_on() {
         match reader.latest()? {

@@ -39,7 +39,8 @@ pub(crate) fn connecting(error: &ConnectError) -> PyErr {
         | ConnectError::Domain(_)
         | ConnectError::Exhausted(_)
         | ConnectError::OtherVersion { .. }
-        | ConnectError::OtherClock { .. } => IsothermError::new_err(message),
+        | ConnectError::OtherClock { .. }
+        | ConnectError::OtherMemory => IsothermError::new_err(message),
     }
 }
 

@@ -84,8 +84,8 @@ impl TransportObjects {
     }
 }
 
-/// A process that uses the domain, for messages. Where somebody has removed the domain's folder, there are no nodes to
-/// look at, and a process counts that has the domain's memory mapped.
+/// A process that uses the domain, as a message names it. If somebody has removed the domain's folder, no node can be
+/// looked at. Then a process that has the domain's memory mapped counts as a user, too.
 fn user_of(domain: &Domain) -> Option<String> {
     let member = leftovers::living_nodes(domain).next().map(|number| match NodeHolder::of(domain, number) {
         NodeHolder::Process(pid) => format!("pid {pid}"),

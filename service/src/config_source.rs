@@ -1,8 +1,8 @@
 //! Where the configuration of a service comes from: a file, the command line, or both.
 //!
-//! The text of the last file with which a service has started is kept in the state folder. A file that cannot be used
-//! any more, as one that was half edited when the service crashed, is replaced by that text until somebody corrects it
-//! and restarts the service.
+//! The service keeps the text of the last file with which it has started in the state folder. If the file can no longer
+//! be used, as after a crash during an edit, the next start uses that text. Somebody then has to correct the file and to
+//! restart the service.
 
 use crate::config::{AtStart, Config, Imu, MAX_IMUS};
 use crate::memory::StateFolder;

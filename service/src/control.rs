@@ -13,7 +13,6 @@ use crate::imu::ImuState;
 use crate::keeper::{KeepRequest, Keeper};
 use crate::leftovers::Leftovers;
 use crate::lock::DomainLock;
-use crate::logging::DroppedLines;
 use crate::reload::{TICK, TableFiles};
 use crate::startup::{ServiceParts, Startup, stop_all};
 use crate::status::{StatusPublisher, imu_status};
@@ -89,7 +88,6 @@ struct LogState {
     silent_folders: Vec<PathBuf>,
     /// When it was logged last that the file of the configuration is not in use.
     configuration: Option<Instant>,
-    dropped_lines: DroppedLines,
 }
 
 struct Service<'a> {
@@ -267,7 +265,6 @@ impl<'a> Service<'a> {
         }
         self.log_configuration();
         self.log_silent_folders();
-        self.logged.dropped_lines.report();
         if self.mark.as_mut().is_some_and(StartMark::remove_after_a_second) {
             self.mark = None;
         }

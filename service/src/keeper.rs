@@ -1,8 +1,8 @@
 //! Keeps the tables in force, and the configuration, in the state folder, in a thread of its own: a disk may take its
 //! time.
 //!
-//! Only the newest request of each IMU waits. A request that fails is tried again until it succeeds or a newer one
-//! replaces it.
+//! Only the newest table of each IMU waits. One that cannot be kept is tried again until it is, or until a newer one
+//! replaces it. The configuration is kept once after each start.
 
 use crate::acceptance::Acceptance;
 use crate::config_source::ConfigFile;

@@ -1,8 +1,8 @@
 //! Logging to stderr through `tracing`, including the transport's log.
 //!
 //! The reader of stderr may stop reading: a pipe is then full, and writing to it waits for ever. So lines go through a
-//! bounded queue to a thread that is allowed to wait. What does not fit is dropped and counted; the control thread
-//! reports it when there is room again.
+//! bounded queue to a thread that is allowed to wait. What does not fit is dropped and counted. The thread reports the
+//! number when there is room again.
 
 use clap::ValueEnum;
 use iceoryx2::prelude::{LogLevel, set_log_level};
@@ -124,34 +124,18 @@ fn start_queue() {
     }
 }
 
+/// Writes lines, and reports those that were dropped when there is room in the queue again.
 fn write_lines(lines: &Receiver<Vec<u8>>) {
+    let mut reported = 0;
     for line in lines {
-        // A line that cannot be written, for example to a full disk or a closed pipe, is lost; the service continues.
+        // A line that cannot be written, for example to a full disk or a closed pipe, is lost; the program continues.
         let _ = io::stderr().write_all(&line);
-        if let Some(queue) = LINES.get() {
-            queue.written.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-}
-
-/// Lines that have been dropped so far.
-fn dropped() -> u64 {
-    LINES.get().map_or(0, |queue| queue.dropped.load(Ordering::Relaxed))
-}
-
-/// Reports lines that were dropped, when there is room in the queue again.
-#[derive(Debug, Default)]
-pub(crate) struct DroppedLines {
-    reported: u64,
-}
-
-impl DroppedLines {
-    /// Logs how many lines were dropped since the last report.
-    pub(crate) fn report(&mut self) {
-        let (dropped, waiting) = (dropped(), LINES.get().map_or(0, LineQueue::waiting));
-        if dropped > self.reported && waiting < QUEUE as u64 / 2 {
-            warn!("{} log lines were dropped: stderr was not read", dropped - self.reported);
-            self.reported = dropped;
+        let Some(queue) = LINES.get() else { continue };
+        queue.written.fetch_add(1, Ordering::Relaxed);
+        let dropped = queue.dropped.load(Ordering::Relaxed);
+        if dropped > reported && queue.waiting() < QUEUE as u64 / 2 {
+            warn!("{} log lines were dropped: stderr was not read", dropped - reported);
+            reported = dropped;
         }
     }
 }

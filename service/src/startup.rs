@@ -17,7 +17,7 @@ use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
 use crate::{create, leftovers, login, start, threads};
 use isotherm_client::transport::stream::IpcNode;
-use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, reserve};
+use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, note_memory, reserve};
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -142,6 +142,9 @@ impl Startup {
     ) -> Result<Option<OpenedStreams>, Failure> {
         make_room(domain, config)?;
         let node = join(domain)?;
+        if let Err(error) = note_memory(domain, &node) {
+            warn!("noting which shared memory is used: {error}; a client with another one is not told so");
+        }
         let publisher = StatusPublisher::create(&node, domain)?;
 
         // The first tables are queued before the streams exist, so that no sample meets a channel without its table.

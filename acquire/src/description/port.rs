@@ -59,7 +59,7 @@ impl fmt::Display for Port {
 }
 
 const ONE: &str = "give one of serial, tcp, udp and file";
-/// The sender of whoever takes datagrams of everybody.
+/// The value of `peer` with which datagrams of every sender are taken.
 const ANY: &str = "any";
 const SENDER: &str = "give the address of the device, as 192.168.1.10, or with a port; \"any\" takes the datagrams of \
                       everybody who reaches this machine";

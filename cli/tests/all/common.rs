@@ -5,9 +5,11 @@ use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// Runs a command.
+/// Runs a command. What this user's services have left in other domains does not count.
 pub(crate) fn isotherm(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_isotherm")).args(arguments).current_dir(folder).output().unwrap()
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
+    command.args(arguments).current_dir(folder).env("ISOTHERM_ROOT", folder).env_remove("ISOTHERM_STATE");
+    command.output().unwrap()
 }
 
 /// Runs a command that must end with `code`. Returns what it printed on stdout and stderr.

@@ -132,7 +132,9 @@ impl From<ConnectError> for CodedError {
             ConnectError::Domain(_) => ISOTHERM_ERROR_NAME,
             ConnectError::Exhausted(_) => ISOTHERM_ERROR_EXHAUSTED,
             ConnectError::OtherVersion { .. } => ISOTHERM_ERROR_OTHER_VERSION,
-            ConnectError::Transport { .. } | ConnectError::OtherClock { .. } => ISOTHERM_ERROR_TRANSPORT,
+            ConnectError::Transport { .. } | ConnectError::OtherClock { .. } | ConnectError::OtherMemory => {
+                ISOTHERM_ERROR_TRANSPORT
+            }
         };
         Self::new(code, &error)
     }

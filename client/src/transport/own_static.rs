@@ -1,9 +1,13 @@
 //! Files of the transport that never change: descriptions of streams and processes, and marks.
 //!
-//! [`OwnStatic`] is iceoryx2's storage in files with one difference. Dropping it removes only the file that it has
+//! [`OwnStatic`] is iceoryx2's storage in files with two differences. Dropping it removes only the file that it has
 //! created or opened: iceoryx2 removes whatever has the name, and where the memory of a domain was removed under its
-//! processes, the last one to leave the old streams would remove the files of the new ones.
-#![expect(unsafe_code, reason = "functions of iceoryx2's traits are unsafe, and are passed on")]
+//! processes, the last one to leave the old streams would remove the files of the new ones. And another program that
+//! the process executes does not get the file.
+#![expect(
+    unsafe_code,
+    reason = "functions of iceoryx2's traits are unsafe, and are passed on; descriptors are known by their numbers"
+)]
 
 use core::ptr::NonNull;
 use core::time::Duration;
@@ -18,7 +22,9 @@ use iceoryx2_cal::static_storage::{
     StaticStorage, StaticStorageBuilder, StaticStorageCreateError, StaticStorageLocked, StaticStorageOpenError,
     StaticStorageReadError, StaticStorageUnlockError, StaticStorageView,
 };
+use rustix::io::{FdFlags, fcntl_setfd};
 use std::fs;
+use std::os::fd::{BorrowedFd, RawFd};
 use std::os::unix::fs::MetadataExt as _;
 
 /// Number of a file: device and inode; `None` if there is no file.
@@ -35,7 +41,26 @@ pub struct OwnStatic {
 impl OwnStatic {
     fn new(storage: Storage, path: String) -> Self {
         let number = number_of(&path);
+        let name = path.rsplit('/').next().unwrap_or_default();
+        close_on_exec(|other| other == name);
         Self { storage, path, number }
+    }
+}
+
+/// Sees to it that a program which this process executes does not get its open files of these names. The transport
+/// opens them without that.
+pub(crate) fn close_on_exec(is_meant: impl Fn(&str) -> bool) {
+    for entry in fs::read_dir("/proc/self/fd").into_iter().flatten().flatten() {
+        let Ok(target) = fs::read_link(entry.path()) else { continue };
+        let name = target.file_name().and_then(|name| name.to_str());
+        let number = entry.file_name().to_str().and_then(|number| number.parse::<RawFd>().ok());
+        if let (true, Some(number)) = (name.is_some_and(&is_meant), number) {
+            // SAFETY: the number is used for one call, which only sets a flag. If another thread has closed the file
+            // since its name was read, there is nothing under the number, or another file whose flag is set.
+            let file = unsafe { BorrowedFd::borrow_raw(number) };
+            // There may be nothing.
+            let _ = fcntl_setfd(file, FdFlags::CLOEXEC);
+        }
     }
 }
 

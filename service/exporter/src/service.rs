@@ -70,11 +70,11 @@ metrics! {
         "Samples that the last acquisition to close with a loss had sent without getting their increments.";
     ---
     BUILD = gauge "isotherm_build_info" [version] "Version of the service; always 1.";
-    CONFIGURATION = gauge "isotherm_configuration_refused" []
-        "Whether the file of the configuration was refused at the start, so that the last one that worked is in use: 0 or 1.";
     SERVICE = gauge "isotherm_service_info" [domain, wait] "Domain and waiting strategy of the service; always 1.";
     BUDGET = gauge "isotherm_latency_budget_seconds" [] "Latency over which an increment is flagged late.";
     LOCKED = gauge "isotherm_memory_locked_bytes" [] "Memory of the service that is kept resident.";
+    CONFIGURATION = gauge "isotherm_configuration_refused" []
+        "Whether the file of the configuration was refused at the start, so that the last one that worked is in use: 0 or 1.";
     FLAGGED = counter "isotherm_flagged_total" [imu, flag]
         "Increments that carried a flag, other-device since the table in force was taken. Absent are flags that the table in \
          force cannot give and no table has given.";

@@ -364,6 +364,8 @@ fn a_configuration_that_is_half_edited_does_not_end_the_service() {
         exporter.kill();
         // What is there is judged.
         assert_eq!(domain.run(&["check", "service.toml"]).status.code(), Some(78));
+        let words = reload(&domain, "isotherm", &digest(TABLE), 0);
+        assert!(words.contains("the last configuration that worked") && words.contains("service.toml:"), "{words}");
         service.kill();
     }
     // It is kept by the path without links.

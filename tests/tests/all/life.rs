@@ -242,6 +242,24 @@ fn clean_removes_what_is_left_but_not_under_a_running_service() {
     assert_eq!(domain.run(&["status"]).status.code(), Some(69));
 }
 
+/// A process that is killed while it writes a note leaves half of it under another name.
+#[test]
+fn notes_that_were_left_half_written_are_removed() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let (root, prefix) = (domain.client_domain().root_path(), domain.client_domain().prefix());
+    let staged = |word: &str| std::path::PathBuf::from(format!("{root}/{prefix}tally-imu-a.json.{word}.staged"));
+    let (old, young) = (staged("0123456789abcdef"), staged("fedcba9876543210"));
+    fs::write(&young, "{").unwrap();
+    let file = File::create(&old).unwrap();
+    file.set_modified(std::time::SystemTime::now() - Duration::from_secs(3600)).unwrap();
+    wait_until("the removal of the old one", || !old.exists());
+    assert!(young.exists(), "it may still be written");
+    service.terminate();
+    let names = fs::read_dir(root).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    assert_eq!(names.filter(|name| name.ends_with(".staged")).count(), 1, "notes leave nothing else");
+}
+
 #[test]
 fn logs_are_json_on_request_and_silent_about_samples() {
     let domain = TestDomain::new();

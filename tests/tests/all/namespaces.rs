@@ -2,7 +2,9 @@
 //! clock, and numbers of processes that mean nothing elsewhere, are named.
 
 use isotherm_client::{ConnectError, Options};
-use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, recording, round_trip, skip, text, wait_until};
+use isotherm_tests::{
+    Needs, Process, RUN, TABLE, TestDomain, may_mount, recording, round_trip, skip, text, wait_until,
+};
 use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
@@ -11,6 +13,8 @@ use std::time::Duration;
 /// Of the time namespace, how far its clock is ahead \[s\].
 const TIME: [&str; 4] = ["-T", "--monotonic", "100000", "-f"];
 const PID: [&str; 3] = ["-p", "-f", "--kill-child"];
+/// As in containers: every program is process 1, and sees no others.
+const CONTAINER: [&str; 4] = ["-p", "-f", "--kill-child", "--mount-proc"];
 
 /// Whether this user may have such a namespace. If not, the test is reported as skipped.
 fn may_unshare(options: &[&str]) -> bool {
@@ -120,21 +124,20 @@ fn objects(domain: &TestDomain) -> (BTreeSet<String>, usize) {
     (names("/dev/shm"), nodes)
 }
 
-/// As in containers: every program is process 1.
 #[test]
 fn early_deaths_of_a_service_leave_living_clients_their_memory_where_all_are_process_1() {
-    if !may_unshare(&PID) {
+    if !may_unshare(&CONTAINER) {
         return;
     }
     let domain = TestDomain::new();
     domain.write("no-such-core.toml", "[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n[realtime]\ncore = 1000\n");
-    let mut service = serve_in(&domain, &PID);
+    let mut service = serve_in(&domain, &CONTAINER);
     let out = domain.path("increments.csv");
     let record = ["record", "--imu", "imu-a", "--stream", "increment", "-o", out.to_str().unwrap()];
-    let recorder = domain.start(domain.isotherm_after(&PID, "true", &record));
+    let recorder = domain.start(domain.isotherm_after(&CONTAINER, "true", &record));
     recorder.wait_for_log("recording imu-a");
     let feed = domain.start(domain.isotherm_after(
-        &PID,
+        &CONTAINER,
         "true",
         &[
             "feed",
@@ -154,9 +157,10 @@ fn early_deaths_of_a_service_leave_living_clients_their_memory_where_all_are_pro
         // It dies within its first second.
         service.kill();
         // A start that fails after it has begun.
-        let failed = domain.isotherm_after(&PID, "true", &["serve", "--config", "no-such-core.toml"]).output().unwrap();
+        let failed =
+            domain.isotherm_after(&CONTAINER, "true", &["serve", "--config", "no-such-core.toml"]).output().unwrap();
         assert!(!failed.status.success());
-        service = serve_in(&domain, &PID);
+        service = serve_in(&domain, &CONTAINER);
     }
     let (status, log) = feed.wait();
     assert!(status.success(), "{log}");
@@ -171,26 +175,63 @@ fn early_deaths_of_a_service_leave_living_clients_their_memory_where_all_are_pro
 
 #[test]
 fn what_killed_clients_leave_is_removed_where_all_are_process_1() {
-    if !may_unshare(&PID) {
+    if !may_unshare(&CONTAINER) {
         return;
     }
     let domain = TestDomain::new();
-    let service = serve_in(&domain, &PID);
+    let service = serve_in(&domain, &CONTAINER);
     let (_, nodes) = objects(&domain);
     for _ in 0..12 {
-        let client = domain.start(domain.isotherm_after(&PID, "true", &["record", "--imu", "imu-a", "-o", "r.csv"]));
+        let client =
+            domain.start(domain.isotherm_after(&CONTAINER, "true", &["record", "--imu", "imu-a", "-o", "r.csv"]));
         client.wait_for_log("recording imu-a");
         client.kill();
         let _ = fs::remove_file(domain.path("r.csv"));
     }
     wait_until("the nodes of the dead to be removed", || objects(&domain).1 == nodes);
     // A living member of another namespace keeps `clean` away, and a dead one does not.
-    let refused = domain.isotherm_after(&PID, "true", &["clean"]).output().unwrap();
+    let refused = domain.isotherm_after(&CONTAINER, "true", &["clean"]).output().unwrap();
     assert!(text(&refused.stderr).contains("is using it"), "{}", text(&refused.stderr));
     let seen = child_of(&service);
     service.kill();
     wait_until("the end of the service", || !fs::exists(format!("/proc/{seen}")).unwrap());
-    let cleaned = domain.isotherm_after(&PID, "true", &["clean"]).output().unwrap();
+    let cleaned = domain.isotherm_after(&CONTAINER, "true", &["clean"]).output().unwrap();
     assert!(cleaned.status.success(), "{}", text(&cleaned.stderr));
     assert_eq!(objects(&domain), (BTreeSet::new(), 0));
+}
+
+/// A client that shares the domain's folder and not the shared memory, as in a container.
+#[test]
+fn a_client_with_another_shared_memory_is_told_so() {
+    if !may_mount() {
+        return;
+    }
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let run = |arguments: &[&str]| {
+        let command = domain.isotherm_after(&["-m"], "mount -t tmpfs tmpfs /dev/shm", arguments);
+        let output = domain.finish(command);
+        (output.status.code(), text(&output.stderr))
+    };
+    for command in [&["status"][..], &["feed", "--imu", "imu-a", RUN]] {
+        let (code, words) = run(command);
+        assert_eq!(code, Some(69), "{command:?}: {words}");
+        assert!(words.contains("another /dev/shm") && !words.contains("logind"), "{command:?}: {words}");
+    }
+    let (code, words) = run(&["serve", "--imu", "imu-a=imu-a.toml"]);
+    assert!(code == Some(1) && words.contains("another service is running"), "{words}");
+    let (code, words) = run(&["clean"]);
+    assert!(code == Some(1) && words.contains("is using it"), "{words}");
+    domain.run_ok(&["feed", "--imu", "imu-a", RUN]);
+    service.terminate();
+    // A service of the container takes the domain over.
+    let service = domain.start(domain.isotherm_after(
+        &["-m"],
+        "mount -t tmpfs tmpfs /dev/shm",
+        &["serve", "--imu", "imu-a=imu-a.toml"],
+    ));
+    service.wait_for_log(" ready ");
+    let output = domain.run(&["status"]);
+    assert!(output.status.code() == Some(69) && text(&output.stderr).contains("another /dev/shm"));
+    service.terminate();
 }

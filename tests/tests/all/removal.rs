@@ -196,6 +196,38 @@ fn they_come_back_after_the_folder_was_removed_too() {
 }
 
 #[test]
+fn they_come_back_after_the_files_of_the_streams_were_removed_too() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let reading = Reading::start(&domain, |reader, read| {
+        if let Some(increment) = reader.receive_timeout(Duration::from_millis(20)).unwrap() {
+            assert!(read.insert(increment.sequence), "twice: {}", increment.sequence);
+        }
+    });
+    let mut sender = Sender::new(domain.acquisition("imu-a"));
+    sender.until("the first answers", |sender| sender.answered > 50 && reading.newest() > 10);
+    for round in 1..=2 {
+        let files = fs::read_dir(format!("{}/services", domain.client_domain().root_path())).unwrap();
+        files.for_each(|file| fs::remove_file(file.unwrap().path()).unwrap());
+        service_is_back(&service, round, &mut sender);
+        let sent = sender.sent;
+        sender.until("answers after the removal", |sender| sender.answered > sent + 100 && reading.newest() > sent);
+        let open = fs::read_dir(format!("/proc/{}/fd", service.pid())).unwrap().flatten();
+        let locks =
+            open.filter_map(|file| fs::read_link(file.path()).ok()).filter(|path| path.ends_with(lock(&domain)));
+        assert_eq!(locks.count(), 1, "it keeps the one that it had");
+    }
+    drop(sender);
+    reading.finish();
+    service.terminate();
+}
+
+/// The name of the file that keeps a second service out.
+fn lock(domain: &TestDomain) -> String {
+    format!("{}service.lock", domain.client_domain().prefix())
+}
+
+#[test]
 fn a_supervisor_starts_it_anew() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", TABLE);

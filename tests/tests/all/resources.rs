@@ -333,3 +333,34 @@ fn a_service_that_was_stopped_continues_without_loss() {
     assert_eq!(service.count_in_log("stands still"), 0, "{}", service.log());
     service.terminate();
 }
+
+/// A program that a client executes must not hold what shows that the client lives.
+#[test]
+fn no_file_of_a_domain_is_left_open_over_exec() {
+    const CLOSES: u32 = 0o2_000_000;
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let recorder = domain.spawn(&["record", "--imu", "imu-a", "-o", "flight.csv"]);
+    let feed = domain.spawn(&["feed", "--imu", "imu-a", "--rate", "1000", RUN, "-o", "fed.csv"]);
+    wait_until("samples", || domain.imu_status()["compensated"].as_u64().unwrap() > 100);
+    let prefix = domain.client_domain().prefix();
+    for process in [&service, &recorder, &feed] {
+        let (mut closed, mut left) = (0, Vec::new());
+        for file in fs::read_dir(format!("/proc/{}/fd", process.pid())).unwrap().flatten() {
+            let Ok(target) = fs::read_link(file.path()) else { continue };
+            let name = target.file_name().unwrap().to_string_lossy().into_owned();
+            let number = file.file_name().to_string_lossy().into_owned();
+            let Ok(info) = fs::read_to_string(format!("/proc/{}/fdinfo/{number}", process.pid())) else { continue };
+            let flags = info.lines().find_map(|line| line.strip_prefix("flags:")).unwrap().trim();
+            match u32::from_str_radix(flags, 8).unwrap() & CLOSES {
+                _ if !name.starts_with(&prefix) => {}
+                0 => left.push(name),
+                _ => closed += 1,
+            }
+        }
+        assert!(closed > 10 && left.is_empty(), "{closed} {left:?}");
+    }
+    feed.kill();
+    recorder.kill();
+    service.terminate();
+}
