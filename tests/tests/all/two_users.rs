@@ -1,6 +1,6 @@
 //! Two users of one machine. A domain belongs to one of them; the other one gets increments and metrics in the ways
 //! that docs/security.md names. The users have numbers that no name belongs to, so only root can run most of these
-//! tests.
+//! tests. `examples/network/two-users.sh` tries the tunnel.
 
 use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, binary, skip, text, wait_until};
 use std::fs::{self, Permissions};

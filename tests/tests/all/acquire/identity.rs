@@ -255,7 +255,7 @@ fn a_device_behind_tcp_is_asked_too() {
     device.terminate();
 }
 
-/// Two units in turn at one line, as somebody in a network can send them.
+/// Frames of two devices in turn, as anybody in the network can send them.
 #[test]
 fn a_device_that_is_another_one_all_the_time_does_not_fill_the_log() {
     let domain = TestDomain::new();
