@@ -1,8 +1,8 @@
 //! Where the configuration of a service comes from: a file, the command line, or both.
 //!
 //! The service keeps the text of the last file with which it has started in the state folder. If the file can no longer
-//! be used, as after a crash during an edit, the next start uses that text. Somebody then has to correct the file and to
-//! restart the service.
+//! be used, as after a crash during an edit, the next start uses that text. Somebody then has to correct the file and
+//! to restart the service.
 
 use crate::config::{AtStart, Config, Imu, MAX_IMUS};
 use crate::memory::StateFolder;

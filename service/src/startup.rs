@@ -143,7 +143,7 @@ impl Startup {
         make_room(domain, config)?;
         let node = join(domain)?;
         if let Err(error) = note_memory(domain, &node) {
-            warn!("noting which shared memory is used: {error}; a client with another one is not told so");
+            warn!("noting which shared memory is used: {error}; a client with another one does not learn that");
         }
         let publisher = StatusPublisher::create(&node, domain)?;
 

@@ -217,8 +217,8 @@ pub fn stop(folder: &Path, timeout: Duration) -> Result<StopOutcome, Failure> {
     Ok(StopOutcome::Ended)
 }
 
-/// Writes the request, unless there is one already. A file of that name is never opened, since another user may have made
-/// it.
+/// Writes the request, unless there is one already. A file of that name is never opened, since another user may have
+/// made it.
 fn write_request(folder: &Path) -> io::Result<()> {
     let path = output_place(&output_place(folder)?.join(STOP))?;
     match OpenOptions::new().write(true).create_new(true).mode(OWN).open(path) {

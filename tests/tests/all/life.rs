@@ -252,7 +252,7 @@ fn notes_that_were_left_half_written_are_removed() {
     let (old, young) = (staged("0123456789abcdef"), staged("fedcba9876543210"));
     fs::write(&young, "{").unwrap();
     let file = File::create(&old).unwrap();
-    file.set_modified(std::time::SystemTime::now() - Duration::from_secs(3600)).unwrap();
+    file.set_modified(SystemTime::now() - Duration::from_secs(3600)).unwrap();
     wait_until("the removal of the old one", || !old.exists());
     assert!(young.exists(), "it may still be written");
     service.terminate();
