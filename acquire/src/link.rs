@@ -1,8 +1,9 @@
-//! The way to the service: what is decoded is sent in order, and kept for half a minute if the service has no room.
+//! The way to the service: what is decoded is sent in order. What the service has no room for waits in the acquisition,
+//! half a minute of it; what comes before there is a service, or before a session may begin, waits here.
 
 use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
-use isotherm_client::{Acquisition, ConnectError, ImuId, Options, Pace, RawSample, SendError, monotonic_ns};
+use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, monotonic_ns};
 use isotherm_shared::wire::Flags;
 use isotherm_support::failure::{Failure, tell};
 use serde::Serialize;
@@ -31,8 +32,7 @@ pub struct LinkCounts {
     pub invalid: u64,
     /// Given up, since the service took none for half a minute.
     pub dropped: u64,
-    /// Sent and not answered when the way to the service failed: a gap for every reader, but for those that were
-    /// answered all the same.
+    /// Sent and not answered at the end: a gap for every reader, but for those that were answered all the same.
     pub unanswered: u64,
     /// Connections to the service.
     pub connections: u64,
@@ -136,8 +136,8 @@ pub(crate) struct Link {
     acquisition: Option<Acquisition>,
     waiting: VecDeque<QueuedSample>,
     limits: QueueLimits,
-    /// `None`: as fast as the service takes them.
-    pace: Option<Pace>,
+    /// Whether samples come at their time. Others wait for the service, and are sent as fast as it takes them.
+    is_live: bool,
     /// The session of the samples that were sent last on this connection, as counted here; 0 before.
     session: u64,
     /// The number of session 1 for samples of which none of their session was sent.
@@ -172,11 +172,11 @@ impl Link {
         let now = Instant::now();
         Self {
             imu,
-            options: Options { timeout: Duration::ZERO, ..options },
+            options: Options { timeout: Duration::ZERO, kept: limits.connected.min(isotherm_client::KEPT), ..options },
             acquisition: None,
             waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| limits.unconnected + 1)),
             limits,
-            pace: interval_ns.map(|_| Pace::default()),
+            is_live: interval_ns.is_some(),
             session: 0,
             first: any_session(),
             next_attempt: now,
@@ -209,13 +209,13 @@ impl Link {
 
     /// Whether samples wait for room, or for the service.
     pub(crate) fn is_waiting(&self) -> bool {
-        !self.waiting.is_empty()
+        !self.waiting.is_empty() || self.acquisition.as_ref().is_some_and(|acquisition| acquisition.kept() > 0)
     }
 
     /// Whether everything was sent and answered, or nobody is there to do it.
     pub(crate) fn is_done(&self) -> bool {
         let Some(acquisition) = &self.acquisition else { return true };
-        self.waiting.is_empty() && acquisition.in_flight() == 0
+        self.waiting.is_empty() && acquisition.kept() == 0 && acquisition.in_flight() == 0
     }
 
     /// Sends what can be sent, and takes the answers that are there. Never waits.
@@ -226,32 +226,25 @@ impl Link {
         if self.acquisition.is_none() {
             self.connect()?;
         }
-        if let Err(failed) = self.exchange() {
-            tell("isotherm", format!("{failed}; connecting again"));
-            let acquisition = self.acquisition.take().filter(|_| self.session != 0);
-            self.sent.unanswered += acquisition.as_ref().map_or(0, |acquisition| acquisition.in_flight() as u64);
-            self.lag = acquisition.map(|mut acquisition| self.last.lag(&mut acquisition)).or(self.lag);
-            (self.since, self.next_attempt) = (Instant::now(), Instant::now() + RETRY);
-        }
+        self.exchange();
         Ok(())
     }
 
-    fn exchange(&mut self) -> Result<(), String> {
-        let Some(acquisition) = &mut self.acquisition else { return Ok(()) };
+    /// A failure of the transport is a silence here, which has the acquisition join its streams anew.
+    fn exchange(&mut self) {
+        let Some(acquisition) = &mut self.acquisition else { return };
         loop {
-            while let Some(answer) = acquisition.receive().map_err(|error| error.to_string())? {
+            while let Ok(Some(answer)) = acquisition.receive() {
                 self.sent.answered += 1;
                 self.sent.invalid += u64::from(Flags(answer.flags).intersects(Flags::INVALID));
             }
-            let Some(next) = self.waiting.front().filter(|_| !acquisition.is_full()) else { return Ok(()) };
-            if self.pace.as_mut().is_some_and(|pace| !pace.allows(monotonic_ns())) {
-                return Ok(());
-            }
+            let _ = acquisition.send_kept();
+            let Some(next) = self.waiting.front().filter(|_| self.is_live || !acquisition.is_full()) else { return };
             if next.session != self.session {
                 let before = if self.session == 0 { self.lag } else { Some(self.last.lag(acquisition)) };
                 if acquisition.begin_session().is_err() {
                     // Not before the last session is answered.
-                    return Ok(());
+                    return;
                 }
                 (self.session, self.lag) = (next.session, None);
                 if self.note.is_some() {
@@ -262,20 +255,20 @@ impl Link {
             self.last = LastSample::now(&next.raw);
             let mut sent = next.raw;
             acquisition.complete(&mut sent);
-            let loan = acquisition.loan_record(&next.raw).map_err(|error| error.to_string())?;
-            match acquisition.send(loan) {
-                Ok(()) => {
-                    self.sent.sent += 1;
-                    if let Some(note) = &mut self.note {
-                        note.keep(&self.last.lag(acquisition));
-                    }
-                }
-                Err(SendError::Full(_)) => return Ok(()),
+            let Ok(loan) = acquisition.loan_record(&next.raw) else { return };
+            let drops_oldest = acquisition.kept() >= self.limits.connected as u64;
+            let handed_over = if self.is_live { acquisition.keep(loan) } else { acquisition.send(loan) };
+            match handed_over {
+                Ok(()) if drops_oldest => self.sent.dropped += 1,
+                Ok(()) => self.sent.sent += 1,
                 // It cannot be sent any more, so readers see a gap.
                 Err(error) => {
                     self.sent.dropped += 1;
                     tell("isotherm", format!("sample {} is lost: {error}", next.raw.sequence));
                 }
+            }
+            if let Some(note) = &mut self.note {
+                note.keep(&self.last.lag(acquisition));
             }
             self.waiting.pop_front();
             if let Some(recorder) = &mut self.recorder {
@@ -339,8 +332,12 @@ impl Link {
         if let (Some(note), Some(acquisition)) = (&mut self.note, of_session) {
             note.end(&self.last.lag(acquisition));
         }
-        let unanswered = self.acquisition.take().map_or(0, |acquisition| acquisition.close().unanswered);
-        lost + unanswered
+        let Some(acquisition) = self.acquisition.take() else { return lost };
+        let (kept, unanswered) = (acquisition.kept(), acquisition.close().unanswered);
+        self.sent.sent -= kept;
+        self.sent.dropped += kept;
+        self.sent.unanswered = unanswered;
+        lost + kept + unanswered
     }
 }
 

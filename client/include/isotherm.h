@@ -1,21 +1,23 @@
 /*
  * Isotherm: an acquisition process in C, or a reader of increments.
  *
- *     isotherm_options options = {.timeout_ns = 5000000000, .serial = "SN 42"};
+ *     isotherm_options options = {.serial = "SN 42"};
+ *     isotherm_compensated_increment increments[512];
  *     isotherm_acquisition *acquisition;
- *     if (isotherm_acquisition_connect("imu-a", &options, &acquisition) != ISOTHERM_OK) {
- *         fprintf(stderr, "%s\n", isotherm_error_message());
- *         return 1;
- *     }
  *     isotherm_raw_sample *sample;
- *     isotherm_compensated_increment increment;
- *     isotherm_reading(acquisition, 0, 2.513, 1000000);      // a new temperature of A1; the same for the other sensors
- *     if (isotherm_loan(acquisition, &sample) == ISOTHERM_OK) {
- *         sample->interval_ns = 2500000;                     // and timestamps, pulses, temperature
- *         if (isotherm_compensate(acquisition, sample, 10000000, &increment) == ISOTHERM_OK)
- *             printf("%g m/s, %g rad\n", increment.velocity_increment[0], increment.angle_increment[0]);
+ *     size_t count;
+ *     isotherm_code code = isotherm_acquisition_connect("imu-a", &options, &acquisition);
+ *     while (code == ISOTHERM_OK && (code = isotherm_loan(acquisition, &sample)) == ISOTHERM_OK) {
+ *         latch(acquisition, sample);                        // your hardware: waits for the end of the control period, gives new
+ *                                                            // temperature to isotherm_reading, and fills the sample in
+ *         code = isotherm_exchange(acquisition, sample, 1000000, increments, 512, &count);
+ *         for (size_t i = 0; code == ISOTHERM_OK && i < count; i++)
+ *             navigate(&increments[i]);                      // each once, in the order of sending
  *     }
+ *     fprintf(stderr, "%s\n", isotherm_error_message());
  *     isotherm_acquisition_close(acquisition);
+ *
+ * This loop loses no control period while the service stalls, is away for up to 16384 periods, or is replaced.
  *
  * Service and clients run as the same user and use the same domain. docs/c.md describes how to compile and link; examples/c has
  * complete programs; isotherm.hpp is the same for C++.
@@ -38,8 +40,11 @@
  * but cannot connect, since the C library does not know it. A child that shares the memory, as by vfork(), must call no function.
  * exec() closes all descriptors of the library but the socket of each wake-up event, which needs no special care.
  *
- * Real time. isotherm_loan, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system call while service and
- * readers stay the same. The one exception is the system call that wakes a sleeping service. Messages of ISOTHERM_ERROR_TRANSPORT and
+ * Real time. isotherm_loan, _exchange, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system
+ * call while service and readers stay the same. The exceptions are the system call that wakes a sleeping service, and the sleeps of a
+ * call that waits. What may take long is done by a helper thread of each acquisition, under SCHED_OTHER and with all signals blocked:
+ * looking for what cuts the acquisition off, joining again, and reading the status. A thread that waits in a call must not be cancelled by
+ * pthread_cancel, which would end the process. Messages of ISOTHERM_ERROR_TRANSPORT and
  * of functions that connect are allocated, all others are static.
  *
  * Warnings. A program that is cut off from the service, as by somebody who tidies /dev/shm, joins it again by itself, and writes a line
@@ -76,9 +81,10 @@
 #define ISOTHERM_LOANS 4
 
 /**
- * Most sums that isotherm_keep lets wait: 30 s at 546 Hz even where no two periods fit into one. They take 4.1 MiB.
+ * Control periods that wait at most for a service that is away, unless `kept` in isotherm_options says otherwise: 30 s
+ * at 546 Hz. They take 4.1 MiB.
  */
-#define ISOTHERM_MOST_KEPT 16384
+#define ISOTHERM_KEPT 16384
 
 /**
  * Head temperature of A1 below the bias range.
@@ -384,8 +390,8 @@ enum isotherm_code
      */
     ISOTHERM_NONE = 1,
     /**
-     * As many samples are unanswered as the service's queue holds, or others are kept, which go first. The sample has
-     * not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
+     * As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which there
+     * is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
      * gap.
      */
     ISOTHERM_FULL = 2,
@@ -536,6 +542,11 @@ typedef struct {
      * Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
      */
     double lag_s;
+    /**
+     * How many control periods wait at most for a service that has no room or is away, 1 to 2^20; 0 is the default,
+     * ISOTHERM_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
+     */
+    uint64_t kept;
 } isotherm_options;
 
 /**
@@ -779,8 +790,8 @@ isotherm_code isotherm_cancel(isotherm_acquisition *acquisition, isotherm_raw_sa
  * your own; `acquisition` may be NULL if both are.
  *
  * The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
- * in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
- * sample, use isotherm_keep: it begins another sum where one is full, and counts all periods.
+ * in both periods. If the sum is dropped, that is one sequence, whatever it holds. This is for devices that sum by
+ * themselves: periods for which the service has no room wait as they are (isotherm_exchange, isotherm_keep).
  *
  * ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
  */
@@ -789,8 +800,32 @@ isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
                              const isotherm_raw_sample *later);
 
 /**
- * Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
- * `lag_ns` with the lagged temperature, where they are 0.
+ * Serves a control period: sends all that waits, oldest first, then `sample`, waits up to `timeout_ns` for its
+ * increment, and writes **all** increments that have arrived to `increments`, each once and in the order of sending.
+ * `*count` is how many. At most `capacity` are written; the others come with the next call.
+ *
+ * What the service has no room for waits in the memory of this process (isotherm_kept), and a later call sends it: 256
+ * samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of this call alone loses
+ * no control period while the service stalls, is away for as many periods as may be kept, or is replaced. Then fewer
+ * increments come, or none, which is no error, and later more than one.
+ *
+ * Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is 0.
+ *
+ * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE and
+ * ISOTHERM_ERROR_FORKED the sample is still yours.
+ *
+ * ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE.
+ */
+isotherm_code isotherm_exchange(isotherm_acquisition *acquisition,
+                                isotherm_raw_sample *sample,
+                                uint64_t timeout_ns,
+                                isotherm_compensated_increment *increments,
+                                size_t capacity,
+                                size_t *count);
+
+/**
+ * Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the sample.
+ * `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
  *
  * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -801,20 +836,11 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
 
 /**
  * Keeps a control period that isotherm_send or isotherm_compensate has handed back (ISOTHERM_FULL), or any other: it
- * waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
+ * waits in memory of this process, as it is, and is sent before all that comes later. The loan is free again. Nothing
+ * is allocated. isotherm_exchange does this by itself.
  *
- * Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
- * something: another unit, a missing interval, temperature that is not finite on one side, time that is missing
- * between the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
- * ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
- * table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
- * with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every
- * reader.
- *
- * Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
- * those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
- * isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged temperature is that of the time of this
- * call.
+ * At most `kept` of isotherm_options periods wait. Beyond that the oldest is dropped and counts as lost
+ * (isotherm_lost): a gap for every reader. `sent_ns` and the lagged temperature are those of the time of this call.
  *
  * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
  * is not above the last one sent or kept, the sample is still yours.
@@ -824,18 +850,17 @@ isotherm_code isotherm_send(isotherm_acquisition *acquisition, isotherm_raw_samp
 isotherm_code isotherm_keep(isotherm_acquisition *acquisition, isotherm_raw_sample *sample);
 
 /**
- * Sends what isotherm_keep has kept, oldest first, as far as the service takes it now: until isotherm_depth samples
- * are unanswered, and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a
- * millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
- * isotherm_receive. Without anything kept it does nothing.
+ * Sends what is kept, oldest first, as far as the service takes it now: until isotherm_depth samples are unanswered,
+ * and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a millisecond).
+ * Never waits. Every sending call begins with it. Without anything kept it does nothing.
  *
- * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the sum that was
- * being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+ * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that was
+ * being sent counts as unanswered, and will be sent again.
  */
 isotherm_code isotherm_send_kept(isotherm_acquisition *acquisition);
 
 /**
- * Control periods that are kept. 0 for a handle that cannot be used.
+ * Control periods that wait: they are kept, and not sent yet. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_kept(const isotherm_acquisition *acquisition);
 
@@ -860,16 +885,18 @@ isotherm_code isotherm_prepare(isotherm_acquisition *acquisition);
 isotherm_code isotherm_receive(isotherm_acquisition *acquisition, isotherm_compensated_increment *increment);
 
 /**
- * As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
+ * As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times, and
+ * sends what is kept.
  */
 isotherm_code isotherm_receive_timeout(isotherm_acquisition *acquisition,
                                        uint64_t timeout_ns,
                                        isotherm_compensated_increment *increment);
 
 /**
- * The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
- * samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They
- * count neither as in flight nor for a full queue. A time-out of 0 does not wait.
+ * The round trip of one sample, for programs that send one now and then: sends it and waits up to `timeout_ns` for its
+ * increment, which comes before those of earlier samples whose time-out has passed. These are kept aside for
+ * isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in flight nor for a full
+ * queue. A time-out of 0 does not wait. Where order matters, as for angles, use isotherm_exchange.
  *
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
  * ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -893,9 +920,9 @@ size_t isotherm_depth(const isotherm_acquisition *acquisition);
 size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 
 /**
- * Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
- * discarded or are still on loan, sequences that were left out, samples whose sending has failed, and all that is kept
- * or was dropped there. 0 for a handle that cannot be used.
+ * Control periods, of all sessions of this connection, that have a sequence and are gone: samples that were discarded
+ * or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples whose
+ * sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_lost(const isotherm_acquisition *acquisition);
 

@@ -1,12 +1,17 @@
 // Isotherm for C++17: isotherm.h with handles that close themselves, exceptions, durations and optionals.
 //
 //     isotherm::Acquisition acquisition("imu-a", {.serial = "SN 42"});     // from C++20 on; before, set the fields of an Options
-//     acquisition.reading(0, 2.513, 1'000'000);            // a new temperature of A1; the same for the other sensors
-//     auto sample = acquisition.loan();                    // in shared memory; stands for a control period
-//     sample->interval_ns = 2'500'000;                     // and timestamps, pulses, temperature
-//     if (auto increment = acquisition.compensate(sample, 10ms))
-//         use(increment->velocity_increment, increment->angle_increment);
-//     // Else it is still yours if the service has no room: keep it (examples/cpp/paced.cpp), or its increment comes late: acquisition.receive().
+//     while (const auto period = latch()) {                // your hardware: counts, temperature and times of a control period
+//         for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
+//             acquisition.reading(sensor, period->temperature, period->end_ns);
+//         auto sample = acquisition.loan();                // in shared memory; stands for the period
+//         sample->timestamp_ns = sample->telemetry_ns = period->end_ns;
+//         sample->interval_ns = period->interval_ns;       // the measured gate length
+//         sample->accelerometers = period->accelerometers; // pulses and temperature
+//         sample->gyroscopes = period->gyroscopes;
+//         for (const auto &increment : acquisition.exchange(sample, 1ms))
+//             navigate(increment);                         // each once, in the order of sending; none is lost while the service is away
+//     }
 //
 // Errors are thrown as isotherm::Error, with the code and message of isotherm.h. Results that are part of normal operation are
 // returned: no increment yet, a full queue, no answer in time.
@@ -183,6 +188,8 @@ struct Options {
     std::optional<std::string> serial = std::nullopt;
     /// Time constant of the lagged temperature of an acquisition [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     double lag_s = ISOTHERM_LAG_SERVICE;
+    /// How many control periods of an acquisition wait at most for a service that has no room or is away, 1 to 2^20. Each takes 256 bytes.
+    std::uint64_t kept = ISOTHERM_KEPT;
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };
@@ -247,6 +254,22 @@ private:
     CompensatedIncrement increment_{};
 };
 
+/// Increments that have arrived: a range. It is valid until the next call of its acquisition.
+class Increments {
+public:
+    const CompensatedIncrement *begin() const noexcept { return begin_; }
+    const CompensatedIncrement *end() const noexcept { return begin_ + size_; }
+    std::size_t size() const noexcept { return size_; }
+    bool empty() const noexcept { return size_ == 0; }
+
+private:
+    friend class Acquisition;
+    Increments(const CompensatedIncrement *begin, std::size_t size) noexcept : begin_(begin), size_(size) {}
+
+    const CompensatedIncrement *begin_;
+    std::size_t size_;
+};
+
 /// The one acquisition process of an IMU.
 class Acquisition {
 public:
@@ -256,7 +279,7 @@ public:
         isotherm_acquisition *handle = nullptr;
         const char *serial = options.serial ? options.serial->c_str() : nullptr;
         const isotherm_options given = {sizeof(isotherm_options), options.domain_or_null(), detail::patience(options.timeout), serial,
-                                        options.lag_s};
+                                        options.lag_s, options.kept};
         return detail::result<Acquisition>(isotherm_acquisition_connect(imu.c_str(), &given, &handle),
                                            [&](isotherm_code) { return Acquisition(handle); });
     }
@@ -300,6 +323,15 @@ public:
         return detail::result<Sample>(isotherm_loan(handle_.get(), &raw), [&](isotherm_code) { return Sample(handle_.get(), raw); });
     }
 
+    /// Serves a control period: sends all that waits, then the sample, waits up to `timeout` for its increment, and returns all increments that
+    /// have arrived, each once and in the order of sending. `sample` is empty then. See isotherm_exchange.
+    [[nodiscard]] Result<Increments> exchange(Sample &sample, std::chrono::nanoseconds timeout)
+    {
+        std::size_t count = 0;
+        const auto code = isotherm_exchange(handle_.get(), sample.raw_, detail::count(timeout), exchanged_.get(), EXCHANGED, &count);
+        return detail::result<Increments>(sent(sample, code), [&](isotherm_code) { return Increments(exchanged_.get(), count); });
+    }
+
     /// Sends a sample; `sample` is empty then. Returns false if the service has no room: the sample is still yours, to be kept.
     [[nodiscard]] Result<bool> send(Sample &sample)
     {
@@ -307,19 +339,17 @@ public:
                                     [](isotherm_code code) { return code == ISOTHERM_OK; });
     }
 
-    /// Keeps a control period for which the service has no room; `sample` is empty then. It waits in memory of this process, summed with the
-    /// next ones, until send_kept() sends it. Nothing overtakes it: send() and compensate() hand later samples back until then. See
-    /// isotherm_keep.
+    /// Keeps a control period for which the service has no room; `sample` is empty then. It waits in memory of this process, and is sent before
+    /// all that comes later. exchange() does this by itself. See isotherm_keep.
     Result<void> keep(Sample &sample)
     {
         return detail::result<void>(isotherm_keep(handle_.get(), sample.raw_), [&](isotherm_code) { sample.raw_ = nullptr; });
     }
 
-    /// Sends what is kept, oldest first, as far as the service takes it now; never waits. Call it in each control period, before the new
-    /// sample is sent. The increments come from receive().
+    /// Sends what is kept, oldest first, as far as the service takes it now; never waits. Every sending call begins with it.
     Result<void> send_kept() { return detail::done(isotherm_send_kept(handle_.get())); }
 
-    /// Control periods that are kept.
+    /// Control periods that wait: they are kept, and not sent yet.
     std::uint64_t kept() const noexcept { return isotherm_kept(handle_.get()); }
 
     /// Gives a sample back that stands for no control period, as at the end of a recording. `sample` is empty then.
@@ -329,7 +359,7 @@ public:
     }
 
     /// Adds the next control period to a sample and cancels its loan; `later` is empty then. Throws Error (ISOTHERM_ERROR_MERGE) if a sum
-    /// overflows or both are the same sample; neither has changed then. For a service that has no room use keep().
+    /// overflows or both are the same sample; neither has changed then. For devices that sum by themselves.
     Result<void> merge(Sample &sample, Sample &later)
     {
         return detail::result<void>(isotherm_merge(handle_.get(), sample.raw_, later.raw_), [&](isotherm_code) { later.raw_ = nullptr; });
@@ -342,15 +372,15 @@ public:
         return detail::some(isotherm_receive(handle_.get(), &increment), increment);
     }
 
-    /// The same, but waits up to `timeout`.
+    /// The same, but waits up to `timeout`, and sends what is kept.
     [[nodiscard]] Result<std::optional<CompensatedIncrement>> receive(std::chrono::nanoseconds timeout)
     {
         CompensatedIncrement increment;
         return detail::some(isotherm_receive_timeout(handle_.get(), detail::count(timeout), &increment), increment);
     }
 
-    /// The round trip in one call: sends a sample and waits for its increment. `sample` is empty then, unless the service has no room. Late
-    /// increments of earlier samples are kept aside for receive().
+    /// The round trip of one sample: sends it and waits for its increment. `sample` is empty then, unless the service has no room. Late
+    /// increments of earlier samples are kept aside for receive(), and come after it: where order matters, use exchange().
     [[nodiscard]] Result<Answer> compensate(Sample &sample, std::chrono::nanoseconds timeout)
     {
         Answer answer;
@@ -365,7 +395,7 @@ public:
     std::size_t depth() const noexcept { return isotherm_depth(handle_.get()); }
     /// Samples that have been sent and whose increments have not been received.
     std::size_t in_flight() const noexcept { return isotherm_in_flight(handle_.get()); }
-    /// Control periods that have a sequence and were not sent, in all sessions of this connection; also those that are kept.
+    /// Control periods that have a sequence and are gone, in all sessions of this connection. What waits is not lost: kept().
     std::uint64_t lost() const noexcept { return isotherm_lost(handle_.get()); }
     /// Late increments that were dropped because depth() of them waited for receive() already.
     std::uint64_t dropped_answers() const noexcept { return isotherm_dropped_answers(handle_.get()); }
@@ -383,7 +413,10 @@ public:
     Result<void> begin_session() { return detail::done(isotherm_begin_session(handle_.get())); }
 
 private:
-    explicit Acquisition(isotherm_acquisition *handle) noexcept : handle_(handle) {}
+    explicit Acquisition(isotherm_acquisition *handle) : handle_(handle), exchanged_(new CompensatedIncrement[EXCHANGED]) {}
+
+    /// Increments that exchange() returns at once, at most.
+    static constexpr std::size_t EXCHANGED = 512;
 
     /// Empties `sample` unless it is still the caller's.
     static isotherm_code sent(Sample &sample, isotherm_code code) noexcept
@@ -397,6 +430,7 @@ private:
         void operator()(isotherm_acquisition *handle) const noexcept { isotherm_acquisition_close(handle); }
     };
     std::unique_ptr<isotherm_acquisition, Close> handle_;
+    std::unique_ptr<CompensatedIncrement[]> exchanged_;
 };
 
 /// Reads the increments of one IMU as they are published.

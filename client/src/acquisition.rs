@@ -1,6 +1,8 @@
 //! The acquisition's side: send raw samples, receive compensated increments.
 
 pub(crate) mod answers;
+mod exchange;
+mod joining;
 mod keeping;
 mod lag;
 mod ports;
@@ -9,35 +11,22 @@ pub use lag::LagAccess;
 
 use crate::clock::{Clock, monotonic_ns};
 use crate::closing::{self, ClosingNote};
-use crate::connect::{Options, deadline, join_existing, retry_until};
+use crate::connect::{Options, deadline, retry_until};
 use crate::error::ConnectError;
-use crate::kept::{Kept, MOST_KEPT};
+use crate::helper::Helper;
+use crate::kept::Kept;
 use crate::lag::AcquisitionLag;
 use crate::loan::{InFlight, Loan, LoanMergeError, LoanPlace, SendError, TransportError, transport};
-use crate::loss::Loss;
-use crate::peers::{publisher_is_alive, publisher_of};
-use crate::rehearsal;
-use crate::resources::reserve;
+use crate::process::Process;
 use crate::transport::ports::Payload as _;
-use crate::transport::stream::IpcNode;
-use crate::warning::warn;
+use core::mem;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
+use joining::{Answer, Asked, Question, REJOIN_NS, start_helper};
 use ports::AcquisitionPorts;
 use std::hash::{BuildHasher as _, RandomState};
-use std::time::{Duration, Instant};
-
-/// After this silence the acquisition looks whether it was cut off from the service, and then again after the same time
-/// \[ns\].
-const LOOK_NS: u64 = 250_000_000;
-/// After this silence of a service that lives the acquisition joins the streams anew; then after twice as long, and so
-/// on \[ns\].
-const REJOIN_NS: u64 = 2_000_000_000;
-/// The longest silence before it does so \[ns\].
-const MAX_REJOIN_NS: u64 = 64_000_000_000;
-/// Pause between two attempts to join the streams anew \[ns\].
-const JOIN_PAUSE_NS: u64 = 20_000_000;
+use std::rc::Rc;
 
 /// The one acquisition process of an IMU.
 ///
@@ -46,6 +35,20 @@ const JOIN_PAUSE_NS: u64 = 20_000_000;
 /// so a service that is killed and restarted loses no sample. The caller decides how long to wait.
 ///
 /// Not `Send`: create it in the thread that uses it.
+///
+/// # What it is used for
+/// * Serve a control period: [`loan`](Self::loan) a sample, fill it in, [`exchange`](Self::exchange) it.
+/// * Give temperature as it is measured: [`lag`](Self::lag).
+/// * Warm the way of the next sample: [`prepare`](Self::prepare).
+/// * Give a loan back that stands for no period, or sum two: [`cancel`](Self::cancel), [`merge`](Self::merge).
+/// * Send a recording: [`loan_record`](Self::loan_record), [`complete`](Self::complete),
+///   [`begin_session`](Self::begin_session).
+/// * See what was lost or waits: [`lost`](Self::lost), [`kept`](Self::kept), [`in_flight`](Self::in_flight),
+///   [`closing`](Self::closing), [`close`](Self::close).
+/// * Send and receive by itself, with several samples in flight: [`send`](Self::send), [`receive`](Self::receive),
+///   [`receive_timeout`](Self::receive_timeout), [`keep`](Self::keep), [`send_kept`](Self::send_kept),
+///   [`is_full`](Self::is_full), [`depth`](Self::depth).
+/// * Send one sample now and then: [`compensate`](Self::compensate), [`late`](Self::late).
 #[derive(Debug)]
 pub struct Acquisition {
     imu: ImuId,
@@ -57,21 +60,24 @@ pub struct Acquisition {
     lag: AcquisitionLag,
     /// Control periods that wait to be sent.
     kept: Kept,
+    /// Whether any of them was dropped since the line was last empty.
+    is_line_full: bool,
     /// Whether [`prepare`](Self::prepare) has been called since the last sample.
     prepared: bool,
     /// Whether it was called before the last sample: then returning the increment and loaning the next sample are left
     /// to the next call, so that the samples of other IMUs, sent at the same moment, do not wait for it.
     leaves_to_prepare: bool,
-    /// How often the streams were joined.
-    joins: u32,
-    /// The next look at what may have cut it off, or the next attempt to join \[ns\].
+    /// Increments that [`exchange`](Self::exchange) has returned last.
+    exchanged: Vec<CompensatedIncrement>,
+    /// When the helper thread looks next for what may have cut the acquisition off \[ns\].
     next_look_ns: u64,
     /// After this silence of a service that lives the streams are joined anew \[ns\].
     rejoin_after_ns: u64,
-    /// `None` while it is cut off from the streams. They are dropped before the node.
+    /// `None` while it is cut off from the streams.
     ports: Option<AcquisitionPorts>,
-    /// `None` if the domain has to be joined anew.
-    node: Option<IpcNode>,
+    asked: Asked,
+    helper: Helper<Question, Answer>,
+    process: Process,
 }
 
 impl Acquisition {
@@ -81,30 +87,29 @@ impl Acquisition {
     /// The last error when the time-out of `options` has passed; at once an error that waiting cannot resolve.
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = deadline(options.timeout);
-        let domain = &options.domain;
-        let node = retry_until(deadline, || join_existing(domain))?;
-        let (mut ports, service) = retry_until(deadline, || AcquisitionPorts::attach(&node, domain, imu))?;
-        // At once, and again with the streams of rehearsals, whose places it may have to wait for.
-        reserve(domain)?;
-        ports.rehearsal = rehearsal::of_acquisition(&node, imu, deadline)?;
-        reserve(domain)?;
+        let (domain, mut node) = (&options.domain, None);
+        let ports = retry_until(deadline, || AcquisitionPorts::attach(&mut node, domain, imu, deadline))?;
+        let (service, depth) = ports.service().ok_or_else(|| ConnectError::NoService(domain.name().to_owned()))?;
         let mut lag = AcquisitionLag::new(options.lag);
-        lag.connect(&node, domain, imu);
+        lag.connect(domain, imu);
         Ok(Self {
             imu: imu.clone(),
             domain: domain.clone(),
             device: options.serial.as_deref().map_or(0, device),
-            state: AcquisitionState::new(random(), service.depth, queue_depth(service.depth), service.id),
+            state: AcquisitionState::new(random(), depth, queue_depth(depth), service),
             clock: Clock::new(),
             lag,
-            kept: Kept::new(MOST_KEPT),
+            kept: Kept::new(options.kept),
+            is_line_full: false,
             prepared: false,
             leaves_to_prepare: false,
-            joins: 0,
+            exchanged: Vec::with_capacity(exchange::MOST),
             next_look_ns: 0,
             rejoin_after_ns: REJOIN_NS,
             ports: Some(ports),
-            node: Some(node),
+            asked: Asked::Nothing,
+            helper: start_helper(imu, domain)?,
+            process: Process::current(),
         })
     }
 
@@ -127,7 +132,7 @@ impl Acquisition {
     /// If samples are unanswered, or [kept](Self::keep).
     pub fn begin_session(&mut self) -> Result<(), InFlight> {
         if !self.kept.is_empty() {
-            return Err(InFlight(self.state.in_flight() + self.kept.sums()));
+            return Err(InFlight(self.state.in_flight() + self.kept.len()));
         }
         self.state.begin_session(random()).map_err(InFlight)?;
         self.lag.reset();
@@ -146,9 +151,9 @@ impl Acquisition {
         self.state.in_flight()
     }
 
-    /// Whether [`send`](Self::send) would hand a sample back: [`depth`](Self::depth) samples are unanswered, or samples
-    /// are [kept](Self::keep), which go first, or, after several restarts of the service within a short time, its queue
-    /// may still be full of samples that were sent again.
+    /// Whether a sample would have to wait: [`depth`](Self::depth) samples are unanswered, or samples are
+    /// [kept](Self::keep), which go first, or, after several restarts of the service within a short time, its queue may
+    /// still be full of samples that were sent again.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.state.is_full() || !self.kept.is_empty()
@@ -156,8 +161,8 @@ impl Acquisition {
 
     /// The lag of the temperatures, for the functions that inform it of them: its readings, or one that was saved.
     pub fn lag(&mut self) -> LagAccess<'_> {
-        let Self { lag, node, domain, imu, .. } = self;
-        LagAccess { lag, node: node.as_ref(), domain, imu }
+        self.renew_lag();
+        LagAccess { lag: &mut self.lag }
     }
 
     /// Completes a copy of a sample as [`send`](Self::send) would now: session, and, where they are 0, `device` and
@@ -202,7 +207,9 @@ impl Acquisition {
     #[inline]
     fn take_place(&mut self) -> Result<LoanPlace, TransportError> {
         match &mut self.ports {
-            Some(ports) => Ok(LoanPlace::Shared { sample: ports.take_spare()?, joins: self.joins }),
+            Some(ports) => {
+                Ok(LoanPlace::Shared { sample: ports.take_spare()?, generation: Rc::clone(&ports.generation) })
+            }
             None => Ok(LoanPlace::Private(Box::default())),
         }
     }
@@ -218,9 +225,9 @@ impl Acquisition {
     }
 
     /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan: no velocity and no angle
-    /// is lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. For a
-    /// service that has no room use [`keep`](Self::keep), which begins another sum where one is full, and counts all
-    /// periods.
+    /// is lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. This is for
+    /// devices that sum by themselves: periods for which the service has no room wait as they are
+    /// ([`exchange`](Self::exchange), [`keep`](Self::keep)).
     ///
     /// # Errors
     /// [`LoanMergeError`] when a sum would overflow.
@@ -234,12 +241,13 @@ impl Acquisition {
         }
     }
 
-    /// Control periods, of all sessions of this connection, that have a sequence and were not sent: see
-    /// [`ClosingNote::lost`]. A sample that is on loan, and each period that is [kept](Self::keep), counts until it is
-    /// sent.
+    /// Control periods, of all sessions of this connection, that have a sequence and are gone: loans that were dropped,
+    /// sequences that were left out, periods for which the waiting line had no room, and samples whose sending has
+    /// failed. A sample that is on loan counts until it is sent or kept. What waits is not lost: see
+    /// [`kept`](Self::kept).
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.state.lost().saturating_add(self.kept.unnumbered())
+        self.state.lost()
     }
 
     /// Leaves the streams, and returns what was lost. If anything was, it is logged, and the service keeps it in its
@@ -251,10 +259,11 @@ impl Acquisition {
     /// What [`close`](Self::close) would return now.
     #[must_use]
     pub fn closing(&self) -> ClosingNote {
-        ClosingNote { lost: self.lost(), unanswered: self.state.in_flight() as u64 }
+        ClosingNote { lost: self.lost() + self.kept(), unanswered: self.state.in_flight() as u64 }
     }
 
-    /// Sends a sample and wakes the service. Never waits, and the transport never copies the sample.
+    /// Sends a sample and wakes the service, after all that is [kept](Self::keep). Never waits, and the transport never
+    /// copies the sample.
     ///
     /// While the acquisition is cut off from the service, since the shared memory was removed, the sample counts as
     /// sent and unanswered, and is sent when it has joined again.
@@ -265,9 +274,10 @@ impl Acquisition {
     /// # Errors
     /// [`SendError`], which contains the sample if it can still be used.
     #[inline]
-    pub fn send(&mut self, mut sample: Loan) -> Result<(), SendError> {
-        // Read first: the processor goes on with the rest meanwhile.
-        let now = self.clock.now();
+    pub fn send(&mut self, sample: Loan) -> Result<(), SendError> {
+        if !self.kept.is_empty() {
+            self.send_kept().map_err(|error| SendError::Transport(error.to_string()))?;
+        }
         // Shared memory: read once.
         let sequence = sample.sequence;
         match self.state.may_send(sequence) {
@@ -276,6 +286,17 @@ impl Acquisition {
             Ok(()) | Err(Refusal::Full) => return Err(SendError::Full(sample)),
             Err(Refusal::Sequence) => return Err(SendError::Sequence(sample)),
         }
+        self.send_now(sample, sequence).map_err(|cause| {
+            self.state.send_failed();
+            SendError::Transport(cause)
+        })
+    }
+
+    /// Sends a sample that may be sent. Where the transport fails, it counts as unanswered.
+    #[inline]
+    fn send_now(&mut self, mut sample: Loan, sequence: u64) -> Result<(), String> {
+        // Read first: the processor goes on with the rest meanwhile.
+        let now = self.clock.now();
         // Each is written only where it differs: the copy below would wait until what has just been written is in the
         // cache.
         if sample.session != self.state.session() {
@@ -285,23 +306,20 @@ impl Acquisition {
             sample.device = self.device;
         }
         self.lag.fill(&mut sample);
-        let kept = self.state.send(sequence, &sample, now);
-        (kept.sent_ns, sample.sent_ns) = (now, now);
+        self.state.take(sequence);
+        let copy = self.state.send(sequence, &sample, now);
+        (copy.sent_ns, sample.sent_ns) = (now, now);
         let Some(ports) = &mut self.ports else { return Ok(()) };
-        let sent = match sample.place {
-            LoanPlace::Shared { sample, joins } if joins == self.joins => {
+        match sample.place {
+            LoanPlace::Shared { sample, generation } if Rc::ptr_eq(&generation, &ports.generation) => {
                 RawSample::publish(sample).map(drop).map_err(|error| error.to_string())
             }
-            place => copy_into(ports, &Loan { place, number: None }),
-        };
-        if let Err(error) = sent {
-            self.state.send_failed();
-            return Err(SendError::Transport(error));
-        }
+            place => copy_into(ports, &Loan { place, number: None }).map_err(|error| error.to_string()),
+        }?;
         // Cheap if the service does not sleep. If it fails, the service finds the sample at the end of its bounded
         // wait.
         ports.wake();
-        self.leaves_to_prepare = core::mem::take(&mut self.prepared);
+        self.leaves_to_prepare = mem::take(&mut self.prepared);
         if !self.leaves_to_prepare {
             ports.spare = ports.loan().ok();
         }
@@ -345,87 +363,40 @@ impl Acquisition {
         if !self.state.check_due(now) {
             return Ok(());
         }
-        self.check_ports(now);
+        self.take_answer(now);
+        self.look_for_loss(now);
         let Some(ports) = &mut self.ports else { return Ok(()) };
         // A dead service stays listed until its successor cleans it up, which it does before it creates its own
         // publisher.
-        let Some((service, _)) = publisher_of(&ports.increments) else { return Ok(()) };
+        let Some((service, depth)) = ports.service() else { return Ok(()) };
         let Some(resend) = self.state.resend_due(service, now) else { return Ok(()) };
+        if !self.state.is_known(service) {
+            self.kept.put_back(&self.state.set_depth(depth, queue_depth(depth)));
+        }
         for sample in self.state.samples(resend) {
-            let mut copy = ports.take_spare()?;
-            *copy.payload_mut() = *sample;
-            RawSample::publish(copy).map_err(|error| transport("sending a raw sample again", error))?;
+            copy_into(ports, sample)?;
         }
         self.state.resent(resend, service, now);
         ports.wake();
         Ok(())
     }
-
-    /// Leaves streams that are lost, and joins them anew as soon as a service is there.
-    fn check_ports(&mut self, now: u64) {
-        let silence = self.state.silence_ns(now);
-        if silence < LOOK_NS {
-            self.rejoin_after_ns = REJOIN_NS;
-        }
-        if now < self.next_look_ns || silence < LOOK_NS && self.ports.is_some() {
-            return;
-        }
-        self.next_look_ns = now + LOOK_NS;
-        if let Some(ports) = &self.ports {
-            let silent = |acquisition: &Self| {
-                let lives = || publisher_is_alive(&acquisition.domain, &ports.increments).then_some(());
-                let long = silence >= acquisition.rejoin_after_ns;
-                long.then(lives)?.map(|()| Loss::Silence(Duration::from_nanos(silence)))
-            };
-            let Some(loss) = ports.find_loss(&self.domain).or_else(|| silent(self)) else { return };
-            self.leave(&loss);
-        }
-        self.next_look_ns = now + JOIN_PAUSE_NS;
-        self.rejoin(now);
-    }
-
-    /// Gives up the ports, and after a removal the membership of the domain. Samples that are unanswered stay.
-    fn leave(&mut self, loss: &Loss) {
-        warn(&self.imu, format_args!("cut off from the service: {loss}; joining the streams again"));
-        self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
-        self.ports = None;
-        if matches!(loss, Loss::Removed(_)) {
-            self.node = None;
-        }
-    }
-
-    /// Tries to join the streams. Everything that is unanswered will be sent again.
-    fn rejoin(&mut self, now: u64) {
-        let node = self.node.take().or_else(|| join_existing(&self.domain).ok());
-        let attached = node.as_ref().and_then(|node| AcquisitionPorts::attach(node, &self.domain, &self.imu).ok());
-        if let (Some(node), Some((ports, _))) = (&node, attached) {
-            let ports = self.ports.insert(ports);
-            let reserved = reserve(&self.domain).and_then(|()| {
-                ports.rehearsal = rehearsal::of_acquisition(node, &self.imu, Instant::now())?;
-                reserve(&self.domain)
-            });
-            if let Err(error) = reserved {
-                warn(&self.imu, format_args!("joining the streams again: {error}"));
-            }
-            self.joins += 1;
-            self.state.rejoined(now);
-            let unanswered = self.state.in_flight();
-            warn(&self.imu, format_args!("the streams are joined again, with {unanswered} samples unanswered"));
-        }
-        self.node = node;
-    }
 }
 
 /// Sends a sample that is not in the memory of these ports.
 #[cold]
-fn copy_into(ports: &mut AcquisitionPorts, sample: &RawSample) -> Result<(), String> {
-    let mut copy = ports.take_spare().map_err(|error| error.to_string())?;
+fn copy_into(ports: &mut AcquisitionPorts, sample: &RawSample) -> Result<(), TransportError> {
+    let mut copy = ports.take_spare()?;
     *copy.payload_mut() = *sample;
-    RawSample::publish(copy).map(drop).map_err(|error| error.to_string())
+    RawSample::publish(copy).map(drop).map_err(|error| transport("sending a raw sample", error))
 }
 
 impl Drop for Acquisition {
     fn drop(&mut self) {
+        if !self.process.is_current() {
+            // Only the parent may leave the streams.
+            mem::forget(self.ports.take());
+            return;
+        }
         let closing = self.closing();
         if closing == ClosingNote::default() {
             return;

@@ -1,70 +1,35 @@
-//! The waiting line of an acquisition: control periods that could not be sent yet, in private memory. They are summed
-//! as far as a sum stays one that the service computes like its periods; then another sum begins.
+//! The waiting line of an acquisition: control periods that could not be sent yet, in private memory.
 
 use crate::pace::Pace;
-use isotherm_shared::nominal::MAX_MULTIPLE;
-use isotherm_shared::protocol::{AcquisitionState, Refusal};
-use isotherm_shared::sequence::{Period, rises, time_step};
-use isotherm_shared::wire::{RawSample, Triad};
+use crate::transport::stream::RAW_DEPTH;
+use core::ops::RangeInclusive;
+use isotherm_shared::wire::RawSample;
 
-/// Most sums that wait: 30 s at 546 Hz even where no two periods fit into one. They take 4.1 MiB.
-pub const MOST_KEPT: usize = 16_384;
-
-/// How far a sum may go, beyond what its fields hold.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) struct Ceiling {
-    pub periods: u64,
-    pub interval_ns: u64,
-}
-
-impl Ceiling {
-    /// For a table whose scale factors hold at any interval: as far as a sum fits.
-    pub(crate) const COUNTS: Self = Self { periods: u64::MAX, interval_ns: u64::MAX };
-    /// For a table that is not known: right for readings of one nominal interval each.
-    pub(crate) const UNKNOWN: Self = Self { periods: MAX_MULTIPLE, ..Self::COUNTS };
-
-    /// For a table of this nominal interval \[ns\]: as long as a sum is not flagged `interval-not-nominal`, which has
-    /// a tolerance of 1 %.
-    pub(crate) const fn readings(nominal_ns: u64) -> Self {
-        Self { interval_ns: (MAX_MULTIPLE * 101).saturating_mul(nominal_ns) / 100, ..Self::UNKNOWN }
-    }
-}
-
-/// A sample that waits: a control period, or the sum of several.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sum {
-    /// Within the line its sequence has no [shift](Kept::shift).
-    pub raw: RawSample,
-    /// The control periods in it.
-    pub periods: u64,
-}
-
-/// Why a control period was not kept.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) struct SequenceRefusal;
+/// Control periods that wait at most, unless [`Options::kept`](crate::Options::kept) says otherwise: 30 s at 546 Hz.
+/// They take 4.1 MiB.
+pub const KEPT: usize = 16_384;
+/// The numbers that [`Options::kept`](crate::Options::kept) may have: up to 256 MiB.
+pub const KEPT_RANGE: RangeInclusive<usize> = 1..=1 << 20;
 
 /// The line: a ring, oldest first. It never allocates after construction.
 #[derive(Debug)]
 pub(crate) struct Kept {
-    sums: Box<[Sum]>,
+    samples: Box<[RawSample]>,
+    /// Samples that may wait. The ring has more places: for those that a smaller depth puts back.
+    most: usize,
     /// Place of the oldest.
     first: usize,
     len: usize,
-    /// Control periods in all sums.
-    periods: u64,
-    /// What is added to each sequence: the numbers that were left out for sums that were dropped, since they had fewer
-    /// than periods.
-    shift: u64,
-    /// Control periods that were dropped since the line was last empty.
-    dropped: u64,
     pub pace: Pace,
 }
 
 impl Kept {
-    /// An empty line for this many sums, at least 1. All its pages are touched, so that keeping needs no new one.
+    /// An empty line for this many samples. All its pages are touched, so that keeping needs no new one.
     pub(crate) fn new(most: usize) -> Self {
-        let sums = vec![Sum::default(); most.max(1)].into();
-        Self { sums, first: 0, len: 0, periods: 0, shift: 0, dropped: 0, pace: Pace::default() }
+        let most = most.clamp(*KEPT_RANGE.start(), *KEPT_RANGE.end());
+        // Not zero, so that the pages are written.
+        let samples = vec![RawSample { interval_ns: 1, ..RawSample::default() }; most + RAW_DEPTH].into();
+        Self { samples, most, first: 0, len: 0, pace: Pace::default() }
     }
 
     #[inline]
@@ -72,141 +37,82 @@ impl Kept {
         self.len == 0
     }
 
-    /// Sums that wait.
-    pub(crate) const fn sums(&self) -> usize {
+    /// Samples that wait.
+    pub(crate) const fn len(&self) -> usize {
         self.len
     }
 
-    /// Control periods that wait.
-    pub(crate) const fn periods(&self) -> u64 {
-        self.periods
+    const fn place(&self, index: usize) -> usize {
+        (self.first + index) % self.samples.len()
     }
 
-    /// Control periods that wait and have no number of their own.
-    pub(crate) const fn unnumbered(&self) -> u64 {
-        self.periods - self.len as u64
-    }
-
-    /// Control periods that were dropped since the line was last empty.
-    pub(crate) const fn dropped(&self) -> u64 {
-        self.dropped
-    }
-
-    fn place(&self, index: usize) -> usize {
-        (self.first + index) % self.sums.len()
-    }
-
-    fn newest(&mut self) -> Option<&mut Sum> {
-        let place = self.place(self.len.checked_sub(1)?);
-        self.sums.get_mut(place)
-    }
-
-    /// Takes the next control period, whose sequence is set. `is_own`: its loan has that number, and it may be given to
-    /// the next loan.
-    pub(crate) fn take<A: Copy + Default>(
-        &mut self,
-        state: &mut AcquisitionState<RawSample, A>,
-        mut raw: RawSample,
-        is_own: bool,
-        ceiling: Ceiling,
-    ) -> Result<(), SequenceRefusal> {
-        let shift = self.shift;
-        let newest = self.newest().map(|newest| (newest.raw.sequence.wrapping_add(shift), newest));
-        let last = newest.as_ref().map(|(sequence, _)| *sequence).or_else(|| state.last_sequence());
-        if !rises(last, raw.sequence) {
-            return Err(SequenceRefusal);
+    /// Adds the newest. If the line is full, the oldest is dropped for it; returns whether that is so.
+    pub(crate) fn push(&mut self, sample: &RawSample) -> bool {
+        let is_full = self.len >= self.most;
+        if is_full {
+            self.pop();
         }
-        if let Some((sequence, newest)) = newest
-            && is_own
-            && raw.sequence - sequence == 1
-            && state.is_newest(raw.sequence)
-            && newest.add(&raw, ceiling)
-        {
-            state.cancel(raw.sequence);
-            self.periods += 1;
-            return Ok(());
-        }
-        if self.len == self.sums.len() {
-            let lost = self.pop().map_or(0, |lost| lost.periods);
-            self.dropped += lost;
-            self.leave_out(state, lost - 1);
-            raw.sequence = raw.sequence.saturating_add(lost - 1);
-        }
-        state.keep(raw.sequence, self.len > 0);
-        raw.sequence = raw.sequence.wrapping_sub(self.shift);
         let place = self.place(self.len);
-        self.sums[place] = Sum { raw, periods: 1 };
-        (self.len, self.periods) = (self.len + 1, self.periods + 1);
-        Ok(())
+        self.samples[place] = *sample;
+        self.len += 1;
+        is_full
     }
 
-    /// Leaves numbers out before all that waits, for control periods that are lost.
-    fn leave_out<A: Copy + Default>(&mut self, state: &mut AcquisitionState<RawSample, A>, periods: u64) {
-        state.leave_out(periods);
-        self.shift = self.shift.wrapping_add(periods);
-    }
-
-    /// Takes the oldest out, if it may be sent. Then it must be: [`failed`](Self::failed) is for one that could not.
-    pub(crate) fn next<A: Copy + Default>(&mut self, state: &mut AcquisitionState<RawSample, A>) -> Option<Sum> {
-        loop {
-            let oldest = self.sums.get(self.first).filter(|_| self.len > 0)?;
-            match state.may_send(oldest.raw.sequence.wrapping_add(self.shift)) {
-                Ok(()) => return self.pop(),
-                Err(Refusal::Full) => return None,
-                // Numbers have come to their end, 2^64-1.
-                Err(Refusal::Sequence) => state.lose(self.pop()?.periods),
-            }
+    /// Puts samples back that were sent, at most [`RAW_DEPTH`] of them: they are the oldest again.
+    pub(crate) fn put_back(&mut self, samples: &[RawSample]) {
+        for sample in samples.iter().rev() {
+            self.first = self.place(self.samples.len() - 1);
+            self.samples[self.first] = *sample;
+            self.len += 1;
         }
     }
 
-    /// The transport has failed, and the number of this sum was counted as lost: so are its other periods.
-    pub(crate) fn failed<A: Copy + Default>(&mut self, state: &mut AcquisitionState<RawSample, A>, lost: &Sum) {
-        self.leave_out(state, lost.periods - 1);
-    }
-
-    fn pop(&mut self) -> Option<Sum> {
-        let mut oldest = *self.sums.get(self.first).filter(|_| self.len > 0)?;
-        oldest.raw.sequence = oldest.raw.sequence.wrapping_add(self.shift);
-        (self.first, self.len) = (self.place(1), self.len - 1);
-        self.periods -= oldest.periods;
-        if self.len == 0 {
-            // The next one begins at the same memory.
-            (self.first, self.shift, self.dropped) = (0, 0, 0);
-        }
+    /// Takes the oldest out.
+    pub(crate) fn pop(&mut self) -> Option<RawSample> {
+        let oldest = *self.samples.get(self.first).filter(|_| self.len > 0)?;
+        self.len -= 1;
+        // An empty line begins at the same memory again.
+        self.first = if self.len == 0 { 0 } else { self.place(1) };
         Some(oldest)
     }
 }
 
-impl Sum {
-    /// Adds the next control period if the sum stays one that the service computes like its periods.
-    fn add(&mut self, later: &RawSample, ceiling: Ceiling) -> bool {
-        let interval_ns = self.raw.interval_ns.saturating_add(later.interval_ns);
-        let fits = self.periods < ceiling.periods && interval_ns <= ceiling.interval_ns && are_alike(&self.raw, later);
-        let added = fits && self.raw.merge(later).is_ok();
-        self.periods += u64::from(added);
-        added
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(sequence: u64) -> RawSample {
+        RawSample { sequence, ..RawSample::default() }
+    }
+
+    fn all(kept: &mut Kept) -> Vec<u64> {
+        std::iter::from_fn(|| kept.pop()).map(|sample| sample.sequence).collect()
+    }
+
+    #[test]
+    fn the_oldest_makes_room_for_the_newest() {
+        let mut kept = Kept::new(3);
+        let dropped: Vec<_> = (0..5).filter(|sequence| kept.push(&sample(*sequence))).collect();
+        assert_eq!((dropped, kept.len()), (vec![3, 4], 3));
+        assert_eq!(all(&mut kept), [2, 3, 4]);
+        assert_eq!((kept.first, kept.len(), kept.pop().is_none()), (0, 0, true));
+    }
+
+    #[test]
+    fn what_is_put_back_comes_first_and_drops_nothing() {
+        let mut kept = Kept::new(RAW_DEPTH);
+        (0..2 * RAW_DEPTH as u64).for_each(|sequence| _ = kept.push(&sample(100 + sequence)));
+        let back: Vec<_> = (0..RAW_DEPTH as u64).map(sample).collect();
+        kept.put_back(&back);
+        assert_eq!(kept.len(), 2 * RAW_DEPTH);
+        let expected = (0..RAW_DEPTH as u64).chain(100 + RAW_DEPTH as u64..100 + 2 * RAW_DEPTH as u64);
+        assert_eq!(all(&mut kept), expected.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_line_has_one_place_at_least() {
+        let mut kept = Kept::new(0);
+        assert_eq!([kept.push(&sample(1)), kept.push(&sample(2))], [false, true]);
+        assert_eq!(all(&mut kept), [2]);
     }
 }
-
-/// Whether nothing about a control period would vanish, or spoil the others, in a sum with the one before it: both have
-/// an interval and are of the same unit, the same sensors have temperature, and no time is missing between them.
-fn are_alike(before: &RawSample, later: &RawSample) -> bool {
-    let finite = |triad: &Triad| {
-        [triad.head_temperature, triad.board_temperature].map(|temperature| temperature.map(f64::is_finite))
-    };
-    let step = time_step(
-        Period { session: later.session, sequence: later.sequence.wrapping_sub(1), ..Period::from(before) },
-        Period::from(later),
-    );
-    before.device == later.device
-        && before.interval_ns != 0
-        && later.interval_ns != 0
-        && finite(&before.accelerometers) == finite(&later.accelerometers)
-        && finite(&before.gyroscopes) == finite(&later.gyroscopes)
-        && before.gyroscopes.is_absent() == later.gyroscopes.is_absent()
-        && !step
-}
-
-#[cfg(test)]
-#[path = "kept/tests.rs"]
-mod tests;

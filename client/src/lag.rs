@@ -2,27 +2,18 @@
 //! the state.
 
 use crate::clock::{boot, monotonic_ns};
-use crate::kept::Ceiling;
+use crate::connect::Options;
 use crate::lag_option::LagOption;
-use crate::status::StatusReader;
-use crate::transport::stream::IpcNode;
-use crate::warning::warn;
+use crate::status::fetch_status;
 use core::str::FromStr;
 use isotherm_shared::lag::{Lag, SENSORS};
 use isotherm_shared::names::{Domain, ImuId};
-use isotherm_shared::nominal::nominal_ns;
-use isotherm_shared::status::ImuStatus;
+use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::time_constant::TimeConstant;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Connecting waits this long for the time constant, at most; a running service publishes its status ten times a
-/// second.
-const CONNECT_LIMIT: Duration = Duration::from_secs(1);
-/// Pause between two looks at the status while connecting.
-const PAUSE: Duration = Duration::from_millis(2);
-/// A service that has not answered for this long is asked anew, after as long a pause \[ns\].
+/// Pause between two questions \[ns\].
 const RETRY_NS: u64 = 1_000_000_000;
 /// The bits of all sensors.
 const ALL: u8 = (1 << SENSORS) - 1;
@@ -82,24 +73,8 @@ pub(crate) struct AcquisitionLag {
     flagged: u64,
     /// The table of the last status that was an answer, whose time constant is known; 0 before.
     settled: u64,
-    /// The table that sums are computed with, as far as is known: that of the last answer.
-    table: u64,
-    /// A table of which it is known how far its sums may go, and how far.
-    ceiling: (u64, Ceiling),
-    /// A question that is under way.
-    asking: Option<StatusRequest>,
     /// A question that failed is not repeated before this \[ns\].
     retry_ns: u64,
-    /// Whether it was logged that the status cannot be read.
-    warned: bool,
-}
-
-/// The service has been asked for the time constant in force.
-#[derive(Debug)]
-struct StatusRequest {
-    reader: StatusReader,
-    /// When it was asked \[ns\]; an older status is no answer.
-    since_ns: u64,
 }
 
 impl AcquisitionLag {
@@ -109,104 +84,52 @@ impl AcquisitionLag {
             LagOption::Service | LagOption::None => 0,
         };
         let lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
-        Self {
-            option,
-            lag,
-            fed: 0,
-            restored: 0,
-            flagged: 0,
-            settled: 0,
-            table: 0,
-            ceiling: (0, Ceiling::UNKNOWN),
-            asking: None,
-            retry_ns: 0,
-            warned: false,
-        }
+        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, retry_ns: 0 }
     }
 
     /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
     /// asked again when its increments are flagged.
-    pub(crate) fn connect(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
-        if self.option != LagOption::Service {
-            return;
-        }
-        let started = Instant::now();
-        self.ask(node, domain, imu);
-        while self.asking.is_some() && started.elapsed() < CONNECT_LIMIT {
-            thread::sleep(PAUSE);
-            self.ask(node, domain, imu);
-        }
-        self.asking = None;
-    }
-
-    /// Asks the service, or looks whether it has answered. Does not wait.
-    #[cold]
-    fn ask(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
-        let now = monotonic_ns();
-        let Some(asking) = &self.asking else {
-            if now >= self.retry_ns {
-                match StatusReader::with(node, domain) {
-                    Ok(reader) => self.asking = Some(StatusRequest { reader, since_ns: now }),
-                    Err(_) => self.retry_ns = now + RETRY_NS,
-                }
-            }
-            return;
-        };
-        match asking.reader.latest() {
-            Ok(Some(status)) if status.taken_ns >= asking.since_ns => {
-                self.learn(status.imus.iter().find(|known| known.id == imu.as_str()));
-                self.asking = None;
-            }
-            // A reader that gets nothing may belong to a service that is gone. It would occupy a place for ever.
-            Ok(_) if now - asking.since_ns <= RETRY_NS => {}
-            Ok(_) => (self.asking, self.retry_ns) = (None, now + RETRY_NS),
-            Err(error) => {
-                if !self.warned {
-                    self.warned = true;
-                    warn(imu, format_args!("the time constant of the lag in force is not known: {error}"));
-                }
-                (self.asking, self.retry_ns) = (None, now + RETRY_NS);
-            }
+    pub(crate) fn connect(&mut self, domain: &Domain, imu: &ImuId) {
+        if self.option == LagOption::Service
+            && let Ok(status) = fetch_status(&Options::new(domain.clone(), Duration::ZERO))
+        {
+            self.learn(&status, imu);
         }
     }
 
     /// Takes the time constant of the table in force. The table may be another one than that of the flagged increments:
     /// then their question is void, and the next flagged increment asks again.
-    fn learn(&mut self, in_force: Option<&ImuStatus>) {
+    pub(crate) fn learn(&mut self, status: &ServiceStatus, imu: &ImuId) {
+        let in_force = status.imus.iter().find(|known| known.id == imu.as_str());
         self.settled = in_force.map_or(0, ImuStatus::table_id);
         self.flagged = self.settled;
-        if let Some(imu) = in_force {
-            let interval_ns = imu.nominal_interval_s.map(nominal_ns);
-            self.table = self.settled;
-            self.ceiling = (self.table, interval_ns.map_or(Ceiling::COUNTS, Ceiling::readings));
-        }
         // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
         if let Some(Ok(time_constant)) = in_force.and_then(|imu| imu.lag_s).map(TimeConstant::from_seconds) {
             self.lag.lag_ns = time_constant.ns();
         }
     }
 
-    /// How far sums of control periods may go. A table may have come since the one that is known.
-    pub(crate) const fn ceiling(&self) -> Ceiling {
-        let (table, ceiling) = self.ceiling;
-        if table == self.table { ceiling } else { Ceiling::UNKNOWN }
-    }
-
     /// Looks at table and flags of an answer.
     #[inline]
     pub(crate) fn note(&mut self, answer: &CompensatedIncrement) {
-        self.table = answer.table;
         if Flags(answer.flags).intersects(Flags::LAG_UNKNOWN) {
             self.flagged = answer.table;
         }
     }
 
-    /// Asks for the time constant again if there are flagged increments of another table than the one whose time
-    /// constant is known.
-    pub(crate) fn renew(&mut self, node: &IpcNode, domain: &Domain, imu: &ImuId) {
-        if self.flagged != self.settled && self.option == LagOption::Service {
-            self.ask(node, domain, imu);
+    /// Whether the service has to be asked for the time constant again: there are flagged increments of another table
+    /// than the one whose time constant is known. Not again within a second.
+    pub(crate) fn asks(&mut self) -> bool {
+        let asks = self.flagged != self.settled && self.option == LagOption::Service;
+        if !asks {
+            return false;
         }
+        let now = monotonic_ns();
+        let is_due = now >= self.retry_ns;
+        if is_due {
+            self.retry_ns = now + RETRY_NS;
+        }
+        is_due
     }
 
     pub(crate) fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {

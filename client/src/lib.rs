@@ -1,7 +1,7 @@
 //! The client library of Isotherm.
 //!
-//! Start with `examples/rust/paced.rs`: it sends at the pace of an IMU, and loses no control period while the service
-//! is replaced. The shortest acquisition program:
+//! The shortest acquisition program. It loses no control period while the service stalls, is away for half a minute, or
+//! is replaced. `examples/rust/paced.rs` is a whole program to start from.
 //!
 //! ```no_run
 //! use isotherm_client::{Acquisition, ImuId, Options, Sensor, Triad};
@@ -30,16 +30,17 @@
 //!         raw.interval_ns = 2_500_000;                  // the measured gate length, here 2.5 ms
 //!         raw.accelerometers = latched.accelerometers;  // pulses of both channels; temperature in the table's unit
 //!         raw.gyroscopes = latched.gyroscopes;          // leave them out where the IMU has none
-//!         let increment = acquisition.compensate(raw, Duration::from_millis(10))?;
-//!         println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
-//!         acquisition.prepare();                        // the next sample finds its way warm; best 10 us before
+//!         // All increments that have arrived, each once and in the order of sending.
+//!         for increment in acquisition.exchange(raw, Duration::from_millis(1))? {
+//!             println!("{:?} m/s, {:?} rad", increment.velocity_increment, increment.angle_increment);
+//!         }
 //!     }
 //!     Ok(())
 //! }
 //! ```
 //!
-//! * [`Acquisition`] is the one process that sends an IMU's raw samples. In addition to the round trip in one call it
-//!   has [`send`](Acquisition::send) and [`receive`](Acquisition::receive), for several samples in flight.
+//! * [`Acquisition`] is the one process that sends an IMU's raw samples. [`exchange`](Acquisition::exchange) serves a
+//!   control period in one call; [`send`](Acquisition::send) and [`receive`](Acquisition::receive) are its parts.
 //! * [`Acquisition::lag`] takes the temperatures as they are measured. The library keeps its first-order lag,
 //!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
@@ -54,11 +55,12 @@
 //! # Guarantees
 //! * Loaning, sending and receiving allocate nothing, take no lock and make no system call while service and readers
 //!   stay the same. The one exception is the system call that wakes a sleeping service.
-//! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and the
-//!   next one is handed back ([`SendError::Full`]), to be kept ([`Acquisition::keep`]) and sent later
-//!   ([`Acquisition::send_kept`]): an outage of the service of 30 s loses nothing up to 546 Hz. A loan has its sequence
-//!   from the beginning, so dropping one is a gap, which every reader sees. [`Acquisition::close`] returns what was
-//!   lost.
+//! * No call waits for longer than its time-out. What may take long, as joining again, is done by a helper thread of
+//!   each acquisition, under `SCHED_OTHER` and with all signals blocked.
+//! * No control period is lost without notice. At most [`Acquisition::depth`] samples are unanswered at once, and up to
+//!   [`Options::kept`] more wait in private memory: an outage of the service of 30 s loses nothing up to 546 Hz. A loan
+//!   has its sequence from the beginning, so dropping one is a gap, which every reader sees. [`Acquisition::close`]
+//!   returns what was lost.
 //! * After a restart of the service the unanswered samples are sent to it again. Each answer is returned once, in
 //!   order.
 //! * A program that is cut off from the service, as by somebody who tidies `/dev/shm`, joins it again by itself. It
@@ -74,6 +76,7 @@ mod closing;
 mod connect;
 mod error;
 mod folder;
+mod helper;
 mod kept;
 mod lag;
 mod lag_option;
@@ -110,13 +113,12 @@ pub use isotherm_shared::names::{Domain, DomainError, ImuId};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
 pub use isotherm_shared::time_constant::{InvalidTimeConstant, TimeConstant};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
-pub use kept::MOST_KEPT;
+pub use kept::{KEPT, KEPT_RANGE};
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::LagOption;
-pub use loan::{CompensateError, InFlight, Loan, LoanMergeError, SendError, TransportError};
+pub use loan::{CompensateError, ExchangeError, InFlight, Loan, LoanMergeError, SendError, TransportError};
 pub use loss::removed_object;
 pub use objects::{Note, OwnFile, domain_files, foreign_object, own_files, sweep};
-pub use pace::Pace;
 pub use peers::{
     NodeHolder, Peers, is_alive, named, payload_of, pid_namespace, pid_of, publisher_of, service_pid, subscribers_of,
 };

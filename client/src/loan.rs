@@ -5,6 +5,7 @@ use core::fmt;
 use isotherm_shared::wire::{MergeError, RawSample};
 #[cfg(feature = "failure")]
 use isotherm_support::failure::{Exit, Failure};
+use std::rc::Rc;
 
 /// A raw sample, in shared memory if a service is there, which the caller owns until it is sent. Dereferences to
 /// [`RawSample`].
@@ -26,8 +27,8 @@ pub(crate) enum LoanPlace {
     Shared {
         /// The sample.
         sample: Outgoing<RawSample>,
-        /// How often the acquisition had joined the streams. A sample of earlier ports is copied when it is sent.
-        joins: u32,
+        /// Of the ports. A sample of earlier ports is copied when it is sent.
+        generation: Rc<()>,
     },
     /// In private memory, while the acquisition is cut off from the streams.
     Private(Box<RawSample>),
@@ -63,18 +64,29 @@ impl fmt::Debug for Loan {
 /// Why a sample was not sent. Contains the sample if the caller can still use it.
 #[derive(Debug, thiserror::Error)]
 pub enum SendError {
-    /// As many samples are unanswered as may be, or others are kept, which go first, or the service's queue may be
-    /// full: [`Acquisition::is_full`](crate::Acquisition::is_full). Keep the sample
+    /// As many samples are unanswered as may be, or others are kept, which go first and for which there is no room
+    /// either, or the service's queue may be full. Keep the sample
     /// ([`Acquisition::keep`](crate::Acquisition::keep)), wait and send it again, or drop it, which is a gap.
     #[error("the service's queue is full, or samples that are kept go first; keep this one too")]
     Full(Loan),
     /// The sequence is not above the last one sent or kept in this session. After the highest sequence, 2^64-1, only a
-    /// new session can begin.
+    /// new session can begin. The sample is handed back.
     #[error("the sequence does not rise above the last one sent")]
     Sequence(Loan),
     /// The transport failed. The sample is lost, and the service will flag the gap.
     #[error("transport: sending a raw sample: {0}")]
     Transport(String),
+}
+
+/// Why [`Acquisition::exchange`](crate::Acquisition::exchange) has not taken a sample, which is handed back.
+#[derive(Debug, thiserror::Error)]
+pub enum ExchangeError {
+    /// The sequence is not above the last one sent or kept in this session, as [`SendError::Sequence`].
+    #[error("the sequence does not rise above the last one sent")]
+    Sequence(Loan),
+    /// This process is a child of the one that connected. It must connect by itself.
+    #[error("the acquisition is of the process that this one was forked from; connect again in the child")]
+    Forked(Loan),
 }
 
 /// The transport failed.

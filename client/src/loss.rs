@@ -4,12 +4,15 @@
 //! connected go on with what they have, but no new one reaches them. And another user who watches `/dev/shm` can make
 //! the object of a connection before the processes that it is for.
 
-use crate::objects::{SHARED_MEMORY, entries, is_own};
-use crate::peers::is_own_node;
+use crate::objects::{SHARED_MEMORY, entries, is_own, memory_name};
+use crate::peers::{is_own_node, monitor};
+use crate::transport::stream::IpcNode;
 use core::fmt;
+use iceoryx2::service::service_hash::ServiceHash;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::shown;
 use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -61,6 +64,47 @@ pub fn removed_object(domain: &Domain) -> Option<PathBuf> {
         is_stream || is_own_monitor(path)
     };
     removed.find(describes).map(PathBuf::from)
+}
+
+/// The files that a handle needs, so that others reach it: those that describe its streams, the shared memory of these,
+/// and the one that shows that its process is alive.
+#[derive(Debug, Default)]
+pub(crate) struct OwnObjects {
+    /// Each with its device and inode.
+    files: Vec<(PathBuf, (u64, u64))>,
+    /// The ports whose connections another user could have made.
+    ports: Vec<u128>,
+}
+
+impl OwnObjects {
+    /// Those of a handle that has just opened these streams with this node.
+    pub(crate) fn of(domain: &Domain, node: &IpcNode, streams: &[&ServiceHash], ports: Vec<u128>) -> Self {
+        let folder = Path::new(domain.root_path()).join("services");
+        let descriptions = streams.iter().map(|stream| {
+            let name = format!("{}{}.service", domain.prefix(), stream.as_str());
+            folder.join(name)
+        });
+        let descriptions: Vec<_> = descriptions.collect();
+        let memories: Vec<_> = descriptions.iter().filter_map(|path| memory_name(path)).collect();
+        let is_needed = |name: &str| memories.iter().any(|memory| name.ends_with(memory.as_str()));
+        let objects = entries(Path::new(SHARED_MEMORY), &domain.prefix())
+            .filter(|entry| entry.file_name().to_str().is_some_and(is_needed))
+            .map(|entry| entry.path());
+        let paths = descriptions.into_iter().chain(objects).chain([monitor(domain, node.id().value())]);
+        Self { files: paths.filter_map(|path| number_of(&path).map(|number| (path, number))).collect(), ports }
+    }
+
+    /// What has happened to them, if anything.
+    pub(crate) fn loss(&self, domain: &Domain) -> Option<Loss> {
+        let removed = self.files.iter().find(|(path, number)| number_of(path) != Some(*number));
+        let taken = || taken_connection(domain, &self.ports).map(Loss::Taken);
+        removed.map(|(path, _)| Loss::Removed(path.clone())).or_else(taken)
+    }
+}
+
+/// Device and inode of a file.
+fn number_of(path: &Path) -> Option<(u64, u64)> {
+    fs::symlink_metadata(path).ok().map(|found| (found.dev(), found.ino()))
 }
 
 /// The object of a connection of one of these ports that another user has made.

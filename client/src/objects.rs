@@ -188,7 +188,7 @@ pub(crate) fn removed_memory(domain: &Domain) -> Option<String> {
 
 /// How the name of a stream's memory ends, from the stream's file: it has both halves of the stream's number, each in a
 /// line of its own.
-fn memory_name(stream: &Path) -> Option<String> {
+pub(crate) fn memory_name(stream: &Path) -> Option<String> {
     let text = fs::read_to_string(stream).ok()?;
     let half =
         |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(" = ")?.parse::<u64>().ok());

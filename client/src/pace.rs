@@ -10,7 +10,7 @@ const MS: u64 = 1_000_000;
 
 /// How many samples of a backlog may be sent now: 256 at once, and then 16 in a millisecond.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Pace {
+pub(crate) struct Pace {
     left: u64,
     /// Up to when `left` is counted \[ns\].
     at_ns: u64,
@@ -18,7 +18,7 @@ pub struct Pace {
 
 impl Pace {
     /// Whether another one may be sent, which is then counted. `now` is `CLOCK_MONOTONIC` \[ns\].
-    pub fn allows(&mut self, now: u64) -> bool {
+    pub(crate) fn allows(&mut self, now: u64) -> bool {
         let passed_ms = now.saturating_sub(self.at_ns) / MS;
         if passed_ms >= BURST / PER_MS {
             (self.left, self.at_ns) = (BURST, now);

@@ -80,7 +80,7 @@ pub fn is_alive(domain: &Domain, number: u128) -> bool {
     is_own_node(number) || NodeHolder::of(domain, number) != NodeHolder::Nobody
 }
 
-fn monitor(domain: &Domain, number: u128) -> PathBuf {
+pub(crate) fn monitor(domain: &Domain, number: u128) -> PathBuf {
     Path::new(domain.root_path()).join("nodes").join(format!("{}{number}.node_monitor", domain.prefix()))
 }
 
@@ -116,15 +116,6 @@ pub fn service_pid(status: &ServiceStatus) -> String {
 #[must_use]
 pub fn pid_namespace() -> u64 {
     fs::metadata("/proc/self/ns/pid").map_or(0, |namespace| namespace.ino())
-}
-
-/// Whether the process of a stream's only publisher lives. The transport keeps a dead one listed until its remains are
-/// removed.
-pub(crate) fn publisher_is_alive<T: IceoryxSend + fmt::Debug>(
-    domain: &Domain,
-    stream: &PortFactory<Ipc, T, ()>,
-) -> bool {
-    publisher_of(stream).is_some_and(|(_, publisher)| is_alive(domain, publisher.value()))
 }
 
 /// The name of the payload type of a stream that exists.

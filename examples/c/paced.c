@@ -27,7 +27,7 @@
 #define PREPARE_NS 100000u
 
 static isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = PERIOD_NS};
-static uint64_t began, answered, late, kept, lost;
+static uint64_t began, increments;
 static double velocity[3], angle[3];
 
 static void sleep_until(uint64_t time_ns)
@@ -59,7 +59,7 @@ static double read_imu(uint64_t period, double specific_force[3], double angular
     return 31.25 + 1e-6 * (double)period;
 }
 
-/* What the hardware has measured. Every field that is not set is 0. */
+/* What the hardware has measured. Temperature that is not set is NaN, every other field 0. */
 static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sample *sample, uint64_t period, uint64_t end)
 {
     static double temperature;
@@ -85,6 +85,7 @@ static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sampl
 /* Navigation: a value counts if it is finite, whatever the flags say. */
 static void use(const isotherm_compensated_increment *increment)
 {
+    increments++;
     if ((increment->flags & ISOTHERM_MASK_LOST) != 0)
         fprintf(stderr, "%" PRIu64 ": time is missing before this increment\n", increment->sequence);
     if ((increment->flags & (ISOTHERM_MASK_INVALID | ISOTHERM_MASK_DEGRADED)) != 0) {
@@ -100,51 +101,22 @@ static void use(const isotherm_compensated_increment *increment)
     }
 }
 
-/* Takes all increments that are there. */
-static isotherm_code take_late(isotherm_acquisition *acquisition)
-{
-    isotherm_compensated_increment increment;
-    isotherm_code code;
-    while ((code = isotherm_receive(acquisition, &increment)) == ISOTHERM_OK) {
-        late++;
-        use(&increment);
-    }
-    return code == ISOTHERM_NONE ? ISOTHERM_OK : code;
-}
-
-/*
- * Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is away, leaves it to the
- * next periods: nothing is lost.
- */
-static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_raw_sample *sample)
-{
-    isotherm_compensated_increment increment;
-    isotherm_code code = isotherm_send_kept(acquisition);
-    if (code == ISOTHERM_OK)
-        code = isotherm_compensate(acquisition, sample, TIMEOUT_NS, &increment);
-    if (code == ISOTHERM_OK) {
-        answered++;
-        use(&increment);
-    }
-    if (code == ISOTHERM_FULL) {
-        kept++;
-        code = isotherm_keep(acquisition, sample);
-    }
-    /* After ISOTHERM_TIMEOUT it was sent, and its increment comes from isotherm_receive. */
-    return code < 0 ? code : take_late(acquisition);
-}
-
 static isotherm_code run(isotherm_acquisition *acquisition, uint64_t periods)
 {
+    static isotherm_compensated_increment arrived[512];
     isotherm_raw_sample *sample;
     isotherm_code code = ISOTHERM_OK;
+    size_t count;
     began = isotherm_monotonic_ns();
     for (uint64_t period = 0; period < periods && code == ISOTHERM_OK; period++) {
         uint64_t end = wait_for_period(acquisition, period);
         if ((code = isotherm_loan(acquisition, &sample)) != ISOTHERM_OK)
             return code;
         if (latch(acquisition, sample, period, end) == ISOTHERM_OK) {
-            code = exchange(acquisition, sample);
+            /* While the service has no room, or is away, the sample waits, and a later call sends it. */
+            code = isotherm_exchange(acquisition, sample, TIMEOUT_NS, arrived, 512, &count);
+            for (size_t i = 0; code == ISOTHERM_OK && i < count; i++)
+                use(&arrived[i]);
         } else {
             fprintf(stderr, "%s\n", isotherm_error_message());
             memset(readings.remainders, 0, sizeof readings.remainders);
@@ -152,14 +124,14 @@ static isotherm_code run(isotherm_acquisition *acquisition, uint64_t periods)
         }
     }
     /* The last periods: wait for a service that is away, 20 s. */
-    for (int turn = 0; turn < 20000 && code == ISOTHERM_OK; turn++) {
+    for (int turn = 0; turn < 20 && code == ISOTHERM_OK; turn++) {
+        while ((code = isotherm_receive_timeout(acquisition, 1000000000u, arrived)) == ISOTHERM_OK)
+            use(arrived);
+        if (code == ISOTHERM_NONE)
+            code = ISOTHERM_OK;
         if (isotherm_kept(acquisition) == 0 && isotherm_in_flight(acquisition) == 0)
             break;
-        if ((code = isotherm_send_kept(acquisition)) == ISOTHERM_OK)
-            code = take_late(acquisition);
-        sleep_until(isotherm_monotonic_ns() + 1000000);
     }
-    lost = isotherm_lost(acquisition);
     return code;
 }
 
@@ -180,10 +152,10 @@ int main(int count, char **words)
         code = run(acquisition, periods);
     if (code < 0)
         fprintf(stderr, "paced: %s\n", isotherm_error_message());
+    uint64_t lost = isotherm_lost(acquisition) + isotherm_kept(acquisition);
     if (isotherm_acquisition_close(acquisition) == ISOTHERM_LOST)
         fprintf(stderr, "paced: %s\n", isotherm_error_message());
-    printf("%" PRIu64 " periods: %" PRIu64 " answered in time, %" PRIu64 " late, %" PRIu64 " kept, %" PRIu64 " lost\n", periods, answered, late,
-           kept, lost);
+    printf("%" PRIu64 " periods: %" PRIu64 " increments, %" PRIu64 " lost\n", periods, increments, lost);
     printf("velocity %.9f %.9f %.9f m/s\n", velocity[0], velocity[1], velocity[2]);
     printf("angle %.9f %.9f %.9f rad\n", angle[0], angle[1], angle[2]);
     return code < 0;

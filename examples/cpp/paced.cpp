@@ -57,19 +57,18 @@ public:
                 readings_.reset();
                 continue;
             }
-            exchange(sample);
+            // While the service has no room, or is away, the sample waits, and a later call sends it.
+            for (const auto &increment : acquisition_.exchange(sample, TIMEOUT))
+                use(increment);
         }
         // The last periods: wait for a service that is away, 20 s.
-        for (int turn = 0; turn < 20'000 && (acquisition_.kept() > 0 || acquisition_.in_flight() > 0); turn++) {
-            acquisition_.send_kept();
-            take_late();
-            std::this_thread::sleep_for(1ms);
-        }
-        const auto lost = acquisition_.lost();
+        for (int turn = 0; turn < 20 && (acquisition_.kept() > 0 || acquisition_.in_flight() > 0); turn++)
+            while (const auto increment = acquisition_.receive(1s))
+                use(*increment);
+        const auto lost = acquisition_.lost() + acquisition_.kept();
         if (const auto words = acquisition_.close(); !words.empty())
             std::cerr << "paced: " << words << '\n';
-        std::printf("%u periods: %u answered in time, %u late, %u kept, %llu lost\n", periods, answered_, late_, kept_,
-                    static_cast<unsigned long long>(lost));
+        std::printf("%u periods: %u increments, %llu lost\n", periods, increments_, static_cast<unsigned long long>(lost));
         std::printf("velocity %.9f %.9f %.9f m/s\n", velocity_[0], velocity_[1], velocity_[2]);
         std::printf("angle %.9f %.9f %.9f rad\n", angle_[0], angle_[1], angle_[2]);
     }
@@ -84,7 +83,7 @@ private:
         std::this_thread::sleep_until(end);
     }
 
-    // What the hardware has measured. Every field that is not set is 0.
+    // What the hardware has measured. Temperature that is not set is NaN, every other field 0.
     void latch(isotherm::RawSample &sample, unsigned period, Clock::time_point end)
     {
         const auto reading = read_imu(period);
@@ -104,33 +103,10 @@ private:
                 triad->head_temperature[axis] = triad->board_temperature[axis] = temperature_;
     }
 
-    // Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is away, leaves it to
-    // the next periods: nothing is lost.
-    void exchange(isotherm::Sample &sample)
-    {
-        acquisition_.send_kept();
-        const auto answer = acquisition_.compensate(sample, TIMEOUT);
-        if (answer) {
-            answered_++;
-            use(*answer);
-        } else if (answer.is_full()) {
-            kept_++;
-            acquisition_.keep(sample);
-        }  // else it was sent, and its increment comes from receive()
-        take_late();
-    }
-
-    void take_late()
-    {
-        while (const auto increment = acquisition_.receive()) {
-            late_++;
-            use(*increment);
-        }
-    }
-
     // Navigation: a value counts if it is finite, whatever the flags say.
     void use(const isotherm::CompensatedIncrement &increment)
     {
+        increments_++;
         if ((increment.flags & ISOTHERM_MASK_LOST) != 0)
             std::cerr << increment.sequence << ": time is missing before this increment\n";
         if ((increment.flags & (ISOTHERM_MASK_INVALID | ISOTHERM_MASK_DEGRADED)) != 0)
@@ -147,7 +123,7 @@ private:
     isotherm::Readings readings_{1e-6, 1e-7, PERIOD};
     double temperature_ = 0, velocity_[3] = {}, angle_[3] = {};
     std::uint64_t measured_ = 0;
-    unsigned answered_ = 0, late_ = 0, kept_ = 0;
+    unsigned increments_ = 0;
 };
 
 int main(int count, char **words)

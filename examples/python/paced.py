@@ -11,12 +11,12 @@ ISOTHERM_DOMAIN names the domain.
 
 import argparse
 import gc
-import math
 import os
 import sys
 import time
 
 import isotherm
+import numpy as np
 
 PERIOD_NS = 2_500_000
 TIMEOUT_S = 0.001  # an increment that takes longer is late; it leaves time for the rest of the period
@@ -40,8 +40,8 @@ class Paced:
         self.acquisition = acquisition
         self.readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=PERIOD_NS)
         self.temperature, self.measured_ns = 0.0, 0
-        self.answered = self.late = self.kept = 0
-        self.velocity, self.angle = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        self.increments = 0
+        self.velocity, self.angle = np.zeros(3), np.zeros(3)
 
     def run(self, periods: int) -> None:
         began = time.monotonic_ns()
@@ -58,16 +58,16 @@ class Paced:
                 print(error, file=sys.stderr)  # the sample is dropped, a gap for every reader
                 self.readings.reset()
                 continue
-            self.exchange(sample)
-        for _ in range(20_000):  # the last periods: wait for a service that is away, 20 s
+            # While the service has no room, or is away, the sample waits, and a later call sends it.
+            self.navigate(self.acquisition.exchange(sample, timeout=TIMEOUT_S))
+        for _ in range(20):  # the last periods: wait for a service that is away, 20 s
+            while (late := self.acquisition.receive(timeout=1.0)) is not None:
+                self.navigate(late.to_numpy().reshape(1))
             if self.acquisition.kept == 0 and self.acquisition.in_flight == 0:
                 break
-            self.acquisition.send_kept()
-            self.take_late()
-            time.sleep(0.001)
 
     def latch(self, sample: isotherm.Loan, period: int, end: int) -> None:
-        """What the hardware has measured. Every field that is not set is 0."""
+        """What the hardware has measured. Temperature that is not set is NaN, every other field 0."""
         specific_force, angular_rate, temperature = read_imu(period)
         if period % TEMPERATURE_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
             self.temperature, self.measured_ns = temperature, end
@@ -79,38 +79,17 @@ class Paced:
         for triad in (sample.accelerometers, sample.gyroscopes):
             triad.head_temperature = triad.board_temperature = (self.temperature,) * 3
 
-    def exchange(self, sample: isotherm.Loan) -> None:
-        """Sends a period, after all that waits, and takes the increments that are there.
-
-        A service that has no room, or is away, leaves it to the next periods: nothing is lost.
-        """
-        self.acquisition.send_kept()
-        try:
-            increment = self.acquisition.compensate(sample, timeout=TIMEOUT_S)
-            self.answered += 1
-            self.navigate(increment)
-        except isotherm.Timeout:
-            pass  # it was sent; its increment comes from `receive`
-        except isotherm.Full:
-            self.kept += 1
-            self.acquisition.keep(sample)
-        self.take_late()
-
-    def take_late(self) -> None:
-        while (late := self.acquisition.receive()) is not None:
-            self.late += 1
-            self.navigate(late)
-
-    def navigate(self, increment: isotherm.Increment) -> None:
+    def navigate(self, increments: isotherm.Records) -> None:
         """A value counts if it is finite, whatever the flags say."""
-        if increment.flags & isotherm.Flags.LOST:
-            print(f"{increment.sequence}: time is missing before this increment", flush=True)
-        if increment.flags & (isotherm.Flags.INVALID | isotherm.Flags.DEGRADED):
-            print(increment.sequence, isotherm.flag_names(increment.flags), flush=True)
-        for sums, values in ((self.velocity, increment.velocity_increment), (self.angle, increment.angle_increment)):
-            for axis, value in enumerate(values):
-                if math.isfinite(value):
-                    sums[axis] += value
+        for increment in increments:
+            sequence, flags = int(increment["sequence"]), int(increment["flags"])
+            if flags & isotherm.Flags.LOST:
+                print(f"{sequence}: time is missing before this increment", flush=True)
+            if flags & (isotherm.Flags.INVALID | isotherm.Flags.DEGRADED):
+                print(sequence, isotherm.flag_names(flags), flush=True)
+            self.velocity += np.nan_to_num(increment["velocity_increment"])
+            self.angle += np.nan_to_num(increment["angle_increment"])
+            self.increments += 1
 
 
 def main() -> None:
@@ -129,7 +108,7 @@ def main() -> None:
         paced = Paced(acquisition)
         paced.run(options.periods)
         lost, _ = acquisition.close()
-    print(f"{options.periods} periods: {paced.answered} answered in time, {paced.late} late, {paced.kept} kept, {lost} lost")
+    print(f"{options.periods} periods: {paced.increments} increments, {lost} lost")
     print("velocity", *(f"{value:.9f}" for value in paced.velocity), "m/s")
     print("angle", *(f"{value:.9f}" for value in paced.angle), "rad")
 

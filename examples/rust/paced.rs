@@ -11,8 +11,8 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
-    Acquisition, CompensateError, CompensatedIncrement, Flags, Loan, Options, RawSample, ReadingError, Readings,
-    Realtime, Resolution, SendError, Sensor, monotonic_ns,
+    Acquisition, CompensatedIncrement, Flags, Options, RawSample, ReadingError, Readings, Realtime, Resolution, Sensor,
+    monotonic_ns,
 };
 use std::env;
 use std::error::Error;
@@ -34,9 +34,13 @@ struct Paced {
     readings: Readings,
     temperature: f64,
     measured_ns: u64,
-    answered: u64,
-    late: u64,
-    kept: u64,
+    navigation: Navigation,
+}
+
+/// What the increments add up to.
+#[derive(Default)]
+struct Navigation {
+    increments: u64,
     velocity: [f64; 3],
     angle: [f64; 3],
 }
@@ -61,11 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         readings: Readings::new(RESOLUTION, PERIOD_NS),
         temperature: 0.0,
         measured_ns: 0,
-        answered: 0,
-        late: 0,
-        kept: 0,
-        velocity: [0.0; 3],
-        angle: [0.0; 3],
+        navigation: Navigation::default(),
     };
     paced.run(periods)
 }
@@ -83,26 +83,27 @@ impl Paced {
             let end = began + (period + 1) * PERIOD_NS;
             self.wait_for_period(end);
             let mut sample = self.acquisition.loan()?;
-            match self.latch(&mut sample, period, end) {
-                Ok(()) => self.exchange(sample)?,
-                Err(error) => {
-                    eprintln!("{error}"); // the sample is dropped, a gap for every reader
-                    self.readings.reset();
-                }
+            if let Err(error) = self.latch(&mut sample, period, end) {
+                eprintln!("{error}"); // the sample is dropped, a gap for every reader
+                self.readings.reset();
+                continue;
+            }
+            // While the service has no room, or is away, the sample waits, and a later call sends it.
+            for increment in self.acquisition.exchange(sample, TIMEOUT)? {
+                self.navigation.add(increment);
             }
         }
         // The last periods: wait for a service that is away, 20 s.
-        for _ in 0..20_000 {
+        for _ in 0..20 {
+            while let Some(increment) = self.acquisition.receive_timeout(Duration::from_secs(1))? {
+                self.navigation.add(&increment);
+            }
             if self.acquisition.kept() == 0 && self.acquisition.in_flight() == 0 {
                 break;
             }
-            self.acquisition.send_kept()?;
-            self.take_late()?;
-            sleep(Duration::from_millis(1));
         }
-        let Self { answered, late, kept, velocity, angle, acquisition, .. } = self;
-        let closing = acquisition.close();
-        println!("{periods} periods: {answered} answered in time, {late} late, {kept} kept, {} lost", closing.lost);
+        let (Navigation { increments, velocity, angle }, lost) = (self.navigation, self.acquisition.close().lost);
+        println!("{periods} periods: {increments} increments, {lost} lost");
         println!("velocity {:.9} {:.9} {:.9} m/s", velocity[0], velocity[1], velocity[2]);
         println!("angle {:.9} {:.9} {:.9} rad", angle[0], angle[1], angle[2]);
         Ok(())
@@ -117,7 +118,7 @@ impl Paced {
         sleep_until(end);
     }
 
-    /// What the hardware has measured. Every field that is not set is 0.
+    /// What the hardware has measured. Temperature that is not set is NaN, every other field 0.
     fn latch(&mut self, sample: &mut RawSample, period: u64, end: u64) -> Result<(), ReadingError> {
         let (specific_force, angular_rate, temperature) = read_imu(period);
         if period.is_multiple_of(TEMPERATURE_PERIODS) {
@@ -136,37 +137,12 @@ impl Paced {
         }
         Ok(())
     }
+}
 
-    /// Sends a period, after all that waits, and takes the increments that are there. A service that has no room, or is
-    /// away, leaves it to the next periods: nothing is lost.
-    fn exchange(&mut self, sample: Loan) -> Result<(), Box<dyn Error>> {
-        self.acquisition.send_kept()?;
-        match self.acquisition.compensate(sample, TIMEOUT) {
-            Ok(increment) => {
-                self.answered += 1;
-                self.navigate(&increment);
-            }
-            // It was sent; its increment comes from `receive`.
-            Err(CompensateError::Timeout) => {}
-            Err(CompensateError::Send(SendError::Full(sample))) => {
-                self.kept += 1;
-                self.acquisition.keep(sample)?;
-            }
-            Err(other) => return Err(other.into()),
-        }
-        self.take_late()
-    }
-
-    fn take_late(&mut self) -> Result<(), Box<dyn Error>> {
-        while let Some(increment) = self.acquisition.receive()? {
-            self.late += 1;
-            self.navigate(&increment);
-        }
-        Ok(())
-    }
-
+impl Navigation {
     /// A value counts if it is finite, whatever the flags say.
-    fn navigate(&mut self, increment: &CompensatedIncrement) {
+    fn add(&mut self, increment: &CompensatedIncrement) {
+        self.increments += 1;
         let flags = Flags(increment.flags);
         if flags.intersects(Flags::LOST) {
             eprintln!("{}: time is missing before this increment", increment.sequence);

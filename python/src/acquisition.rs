@@ -14,8 +14,8 @@ use crate::run::{End, Run};
 use crate::value::stays;
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
-    Acquisition as Client, ClosingNote, CompensateError, LagOption, Loan as ClientLoan, Options, RawSample, SendError,
-    Triad,
+    Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT, KEPT_RANGE, LagOption,
+    Loan as ClientLoan, Options, RawSample, SendError, Triad,
 };
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -61,7 +61,8 @@ fn gone() -> PyErr {
 /// "default").
 ///
 /// `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
-/// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
+/// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then. `kept`
+/// is how many control periods wait at most for a service that has no room or is away; each takes 256 bytes.
 ///
 /// >>> samples = isotherm.read_recording("run.csv")
 /// >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
@@ -72,7 +73,6 @@ fn gone() -> PyErr {
 pub struct Acquisition {
     owned: ThreadValue<OwnedAcquisition>,
     imu: String,
-    depth: usize,
 }
 
 /// A raw sample in shared memory, which is yours until it is sent. Every later use raises Closed.
@@ -101,8 +101,10 @@ enum Sample {
 impl Acquisition {
     #[new]
     #[pyo3(
-        signature = (imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service)),
-        text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service')"
+        signature = (
+            imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service), kept = KEPT
+        ),
+        text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service', kept=16384)"
     )]
     fn new(
         py: Python<'_>,
@@ -111,11 +113,15 @@ impl Acquisition {
         timeout: f64,
         serial: Option<String>,
         lag: LagArgument,
+        kept: usize,
     ) -> PyResult<Self> {
+        if !KEPT_RANGE.contains(&kept) {
+            return Err(PyValueError::new_err(format!("kept is {kept}, give 1 to {}", KEPT_RANGE.end())));
+        }
         let (id, timeout) = (imu_id(imu)?, seconds("timeout", timeout)?);
         let mut last = None;
         let client = poll_until(py, timeout, |left| {
-            let options = Options { serial: serial.clone(), lag: lag.0, ..options(domain, left)? };
+            let options = Options { serial: serial.clone(), lag: lag.0, kept, ..options(domain, left)? };
             match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
                 Ok(client) => Ok(Some(client.take())),
                 Err(error) if is_temporary(&error) => {
@@ -127,9 +133,8 @@ impl Acquisition {
         })?;
         match (client, last) {
             (Some(client), _) => {
-                let depth = client.depth();
                 let state = OwnedAcquisition { loans: Vec::with_capacity(8), next: 0, client };
-                Ok(Self { owned: ThreadValue::new(NAME, state), imu: imu.to_owned(), depth })
+                Ok(Self { owned: ThreadValue::new(NAME, state), imu: imu.to_owned() })
             }
             (None, Some(error)) => Err(connecting(&error)),
             (None, None) => Err(Timeout::new_err("connecting took too long")),
@@ -144,8 +149,8 @@ impl Acquisition {
 
     /// The most samples that can be unanswered at once.
     #[getter]
-    fn depth(&self) -> usize {
-        self.depth
+    fn depth(&self) -> PyResult<usize> {
+        Ok(self.owned.hold()?.open()?.client.depth())
     }
 
     /// The session of all samples; a new random number for each connection.
@@ -187,8 +192,8 @@ impl Acquisition {
         Ok((lost, unanswered))
     }
 
-    /// Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on
-    /// loan, or failed, and all that is kept or was dropped there.
+    /// Control periods that have a sequence and are gone, in all sessions: loans that were dropped, are still on loan, or
+    /// failed, and periods for which the waiting line had no room. What waits is not lost: `kept`.
     #[getter]
     fn lost(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.lost())
@@ -282,6 +287,49 @@ impl Acquisition {
         Ok(Loan { id: state.keep(loan), acquisition: this.clone().unbind() })
     }
 
+    /// Serves a control period: sends all that waits, then `sample`, waits up to `timeout` seconds for its increment, and
+    /// returns all increments that have arrived, each once and in the order of sending, as an array of INCREMENT.
+    ///
+    /// What the service has no room for waits in the memory of this process (`kept`), and a later call sends it. So a
+    /// loop of this call alone loses no control period while the service stalls, is away for as many periods as may be
+    /// kept, or is replaced: fewer increments come then, or none, and later more than one. Give a time-out that is
+    /// shorter than the control period. Raises SequenceError if the sequence is not above the last one sent or kept.
+    fn exchange<'py>(
+        &self,
+        py: Python<'py>,
+        sample: &Bound<'py, PyAny>,
+        timeout: f64,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let timeout = seconds("timeout", timeout)?;
+        let given = self.sample(sample)?;
+        let started = Instant::now();
+        let (sequence, mut arrived);
+        {
+            let mut held = self.owned.hold()?;
+            let state = held.open()?;
+            let (id, loan) = prepare(state, &given)?;
+            sequence = loan.sequence;
+            arrived = match state.client.exchange(loan, timeout.min(HOLD_GIL)) {
+                Ok(increments) => increments.to_vec(),
+                Err(ExchangeError::Forked(loan) | ExchangeError::Sequence(loan)) => {
+                    return Err(unsent(state, id, SendError::Sequence(loan), sample));
+                }
+            };
+        }
+        let is_there = |arrived: &[CompensatedIncrement]| arrived.last().is_some_and(|last| last.sequence == sequence);
+        if timeout > HOLD_GIL && !is_there(&arrived) {
+            poll_until(py, timeout.saturating_sub(started.elapsed()), |left| {
+                let mut held = self.owned.hold()?;
+                let state = held.open()?;
+                // A failure of the transport is a silence, which has the streams joined anew.
+                arrived.extend(py.detach(|| state.client.receive_timeout(left)).unwrap_or_default());
+                Ok(is_there(&arrived).then_some(()))
+            })?;
+        }
+        let bytes = arrived.iter().flat_map(increment_bytes).collect();
+        view(array(py, bytes), "INCREMENT")
+    }
+
     /// Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
     ///
     /// Raises Full, with the sample, if `depth` samples are unanswered, or samples are kept, which go first, or the
@@ -294,19 +342,11 @@ impl Acquisition {
         state.client.send(loan).map_err(|error| unsent(state, id, error, sample))
     }
 
-    /// Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept`
-    /// sends it.
+    /// Keeps a control period for which the service has no room: it waits in memory of this process, and is sent before
+    /// all that comes later. `exchange` does this by itself.
     ///
-    /// Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another
-    /// unit, a missing interval, temperature that is not finite on one side, missing time; a record is never added to
-    /// another. A sum of readings has 64 nominal intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL;
-    /// where the table is not known, since `lag` is not "service" or the table has been replaced, 64 periods. At most
-    /// 16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as `lost`, and as many
-    /// sequences are left out: a gap for every reader.
-    ///
-    /// Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So
-    /// in each control period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises
-    /// SequenceError if the sequence is not above the last one sent or kept.
+    /// Beyond the number that the acquisition was given, the oldest is dropped and counts as `lost`: a gap for every
+    /// reader. Raises SequenceError if the sequence is not above the last one sent or kept.
     fn keep(&self, sample: &Bound<'_, PyAny>) -> PyResult<()> {
         let given = self.sample(sample)?;
         let mut held = self.owned.hold()?;
@@ -318,12 +358,12 @@ impl Acquisition {
     /// Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and
     /// recorders take it.
     ///
-    /// Never waits. Call it in each control period, before the new sample is sent. The increments come from `receive`.
+    /// Never waits. Every sending call begins with it.
     fn send_kept(&self) -> PyResult<()> {
         self.owned.hold()?.open()?.client.send_kept().map_err(transport)
     }
 
-    /// Control periods that are kept.
+    /// Control periods that wait: they are kept, and not sent yet.
     #[getter]
     fn kept(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.kept())
@@ -347,9 +387,10 @@ impl Acquisition {
         Ok(answer.map(Increment))
     }
 
-    /// The round trip: sends `sample` and waits for its increment. Raises Full or Timeout.
+    /// The round trip of one sample: sends it and waits for its increment. Raises Full or Timeout.
     ///
-    /// After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them.
+    /// After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them, and comes
+    /// after later ones. Where order matters, use `exchange`.
     #[pyo3(signature = (sample, timeout = 1.0))]
     fn compensate(&self, py: Python<'_>, sample: &Bound<'_, PyAny>, timeout: f64) -> PyResult<Increment> {
         let timeout = seconds("timeout", timeout)?;
@@ -396,7 +437,8 @@ impl Acquisition {
         let samples = sample_bytes(samples)?;
         let out = increments(py, samples.len() / RAW);
         let mut writable = out.readwrite();
-        let window = window.map_or(self.depth, |window| window.min(self.depth));
+        let depth = self.depth()?;
+        let window = window.map_or(depth, |window| window.min(depth));
         let mut run =
             Run::new(&samples, writable.as_slice_mut()?, window, seconds("timeout", timeout)?, rate, new_session)?;
         let end = loop {
@@ -573,7 +615,7 @@ impl Loan {
     /// Adds the next control period: pulses and intervals are summed, timestamp and temperature become the later ones.
     ///
     /// A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is
-    /// dropped, that is one sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
+    /// dropped, that is one sequence, whatever it holds. For devices that sum by themselves.
     fn merge(&self, later: &Bound<'_, PyAny>) -> PyResult<()> {
         let loan = later.cast::<Self>().ok();
         let sample = match &loan {

@@ -202,10 +202,10 @@ const _: () = {
 #[derive(Clone, Copy, Debug, Eq, PartialEq, thiserror::Error)]
 pub enum MergeError {
     /// A channel's sum does not fit into 32 bits.
-    #[error("the summed pulses of a channel exceed 32 bits; begin another sum: an acquisition's `keep` does that")]
+    #[error("the summed pulses of a channel exceed 32 bits; send the two as two samples")]
     Pulses,
     /// The summed period is over [`MAX_INTERVAL_NS`].
-    #[error("the summed interval exceeds one hour; begin another sum: an acquisition's `keep` does that")]
+    #[error("the summed interval exceeds one hour; send the two as two samples")]
     Interval,
 }
 

@@ -11,15 +11,17 @@ use core::ffi::c_char;
 use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{
-    Acquisition, ClosingNote, CompensateError, CompensatedIncrement, Loan, Options, RawSample, SendError,
+    Acquisition, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT_RANGE, Loan, Options,
+    RawSample, SendError,
 };
 
 /// Maximum number of samples on loan from one acquisition.
 pub const ISOTHERM_LOANS: usize = 4;
 
-/// Most sums that isotherm_keep lets wait: 30 s at 546 Hz even where no two periods fit into one. They take 4.1 MiB.
-pub const ISOTHERM_MOST_KEPT: usize = 16384;
-const _: () = assert!(ISOTHERM_MOST_KEPT == isotherm_client::MOST_KEPT);
+/// Control periods that wait at most for a service that is away, unless `kept` in isotherm_options says otherwise: 30 s
+/// at 546 Hz. They take 4.1 MiB.
+pub const ISOTHERM_KEPT: u64 = 16384;
+const _: () = assert!(ISOTHERM_KEPT == isotherm_client::KEPT as u64);
 
 /// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the
 /// order of sending.
@@ -123,6 +125,8 @@ const SIZE: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_VALUE,
     c"the size in isotherm_options is not that of this library; set it to sizeof(isotherm_options) or 0, with the header of this library",
 );
+const KEPT: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_VALUE, c"`kept` in isotherm_options is above 1048576; give 1 to 1048576, or 0");
 const SAME: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_MERGE,
     c"a sample cannot be added to itself; give the next control period's as the later one",
@@ -161,6 +165,9 @@ pub struct isotherm_options {
     pub serial: *const c_char,
     /// Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     pub lag_s: f64,
+    /// How many control periods wait at most for a service that has no room or is away, 1 to 2^20; 0 is the default,
+    /// ISOTHERM_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
+    pub kept: u64,
 }
 
 /// Connects as the acquisition of an IMU, waiting for the service if necessary.
@@ -199,7 +206,14 @@ unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedErro
     // SAFETY: as above.
     let (domain, serial) = unsafe { (domain(given.domain)?, text(given.serial)) };
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
-    Ok(Options { serial, lag: lag_option(given.lag_s)?, ..Options::new(domain, timeout(given.timeout_ns)) })
+    let options = Options::new(domain, timeout(given.timeout_ns));
+    let kept = if given.kept == 0 { options.kept } else { kept(given.kept)? };
+    Ok(Options { serial, lag: lag_option(given.lag_s)?, kept, ..options })
+}
+
+/// How many periods wait at most.
+fn kept(given: u64) -> Result<usize, CodedError> {
+    usize::try_from(given).ok().filter(|kept| KEPT_RANGE.contains(kept)).ok_or(KEPT)
 }
 
 /// Leaves the streams and frees the handle, with all samples that are on loan from it, which count as lost. NULL is
@@ -272,8 +286,8 @@ pub unsafe extern "C" fn isotherm_cancel(
 /// your own; `acquisition` may be NULL if both are.
 ///
 /// The increments are linear in pulses and interval, so no velocity and no angle is lost if the temperature is the same
-/// in both periods. If the sum is dropped, that is one sequence, whatever it holds. When the service has no room for a
-/// sample, use isotherm_keep: it begins another sum where one is full, and counts all periods.
+/// in both periods. If the sum is dropped, that is one sequence, whatever it holds. This is for devices that sum by
+/// themselves: periods for which the service has no room wait as they are (isotherm_exchange, isotherm_keep).
 ///
 /// ISOTHERM_OK; ISOTHERM_ERROR_MERGE, after which neither has changed, and a loan is still yours.
 #[unsafe(no_mangle)]
@@ -291,8 +305,57 @@ pub unsafe extern "C" fn isotherm_merge(
     }
 }
 
-/// Sends a sample and wakes the service. Never waits, and the transport never copies the sample. `device` is set, and
-/// `lag_ns` with the lagged temperature, where they are 0.
+/// Serves a control period: sends all that waits, oldest first, then `sample`, waits up to `timeout_ns` for its
+/// increment, and writes **all** increments that have arrived to `increments`, each once and in the order of sending.
+/// `*count` is how many. At most `capacity` are written; the others come with the next call.
+///
+/// What the service has no room for waits in the memory of this process (isotherm_kept), and a later call sends it: 256
+/// samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of this call alone loses
+/// no control period while the service stalls, is away for as many periods as may be kept, or is replaced. Then fewer
+/// increments come, or none, which is no error, and later more than one.
+///
+/// Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is 0.
+///
+/// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE and
+/// ISOTHERM_ERROR_FORKED the sample is still yours.
+///
+/// ISOTHERM_OK, ISOTHERM_ERROR_NOT_ON_LOAN, ISOTHERM_ERROR_SEQUENCE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_exchange(
+    acquisition: *mut isotherm_acquisition,
+    sample: *mut RawSample,
+    timeout_ns: u64,
+    increments: *mut CompensatedIncrement,
+    capacity: usize,
+    count: *mut usize,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        let output = NonNull::new(count).ok_or(NULL)?;
+        if increments.is_null() && capacity > 0 {
+            return Err(NULL);
+        }
+        let loan = content.take(sample)?;
+        let mut written = 0;
+        let exchanged =
+            content.acquisition.exchange_each(loan, Duration::from_nanos(timeout_ns), capacity, |increment| {
+                // SAFETY: at most `capacity` increments come, for which there is room, as the header requires.
+                unsafe { increments.add(written).write(increment) };
+                written += 1;
+            });
+        exchanged.map_err(|error| {
+            let coded = CodedError::from(&error);
+            let (ExchangeError::Sequence(loan) | ExchangeError::Forked(loan)) = error;
+            content.give_back(loan);
+            coded
+        })?;
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { output.write(written) };
+        Ok(())
+    })
+}
+
+/// Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the sample.
+/// `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
 ///
 /// After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -310,20 +373,11 @@ pub unsafe extern "C" fn isotherm_send(
 }
 
 /// Keeps a control period that isotherm_send or isotherm_compensate has handed back (ISOTHERM_FULL), or any other: it
-/// waits in memory of this process until isotherm_send_kept sends it. The loan is free again. Nothing is allocated.
+/// waits in memory of this process, as it is, and is sent before all that comes later. The loan is free again. Nothing
+/// is allocated. isotherm_exchange does this by itself.
 ///
-/// Periods are summed, as by isotherm_merge, while a sum fits; then another sum begins, and also where a sum would hide
-/// something: another unit, a missing interval, temperature that is not finite on one side, time that is missing
-/// between the two. Under a table of readings a sum has 64 nominal intervals at most, so that it is not flagged
-/// ISOTHERM_FLAG_INTERVAL_NOT_NOMINAL. Where the table is not known, since `lag_s` is not ISOTHERM_LAG_SERVICE or the
-/// table has been replaced, it has 64 periods. At most ISOTHERM_MOST_KEPT sums wait. Beyond that the oldest is dropped
-/// with all its periods, which count as lost (isotherm_lost), and as many sequences are left out: a gap for every
-/// reader.
-///
-/// Nothing overtakes what is kept: isotherm_send and isotherm_compensate return ISOTHERM_FULL until it is sent, and
-/// those samples are kept too. So in each control period call isotherm_send_kept, then send or compensate, then
-/// isotherm_keep if that is ISOTHERM_FULL, then isotherm_receive. The lagged temperature is that of the time of this
-/// call.
+/// At most `kept` of isotherm_options periods wait. Beyond that the oldest is dropped and counts as lost
+/// (isotherm_lost): a gap for every reader. `sent_ns` and the lagged temperature are those of the time of this call.
 ///
 /// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE, for a sequence that
 /// is not above the last one sent or kept, the sample is still yours.
@@ -340,19 +394,18 @@ pub unsafe extern "C" fn isotherm_keep(
     })
 }
 
-/// Sends what isotherm_keep has kept, oldest first, as far as the service takes it now: until isotherm_depth samples
-/// are unanswered, and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a
-/// millisecond). Never waits. Call it in each control period, before the new sample is sent; the increments come from
-/// isotherm_receive. Without anything kept it does nothing.
+/// Sends what is kept, oldest first, as far as the service takes it now: until isotherm_depth samples are unanswered,
+/// and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a millisecond).
+/// Never waits. Every sending call begins with it. Without anything kept it does nothing.
 ///
-/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the sum that was
-/// being sent is lost with all its periods, if isotherm_kept is less; the others go on to wait.
+/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that was
+/// being sent counts as unanswered, and will be sent again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_send_kept(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| Ok(content.acquisition.send_kept()?))
 }
 
-/// Control periods that are kept. 0 for a handle that cannot be used.
+/// Control periods that wait: they are kept, and not sent yet. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_kept(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::kept)
@@ -392,7 +445,8 @@ pub unsafe extern "C" fn isotherm_receive(
     })
 }
 
-/// As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times.
+/// As isotherm_receive, but waits up to `timeout_ns`: it spins for the first 100 us, then sleeps for short times, and
+/// sends what is kept.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_receive_timeout(
     acquisition: *mut isotherm_acquisition,
@@ -408,9 +462,10 @@ pub unsafe extern "C" fn isotherm_receive_timeout(
     })
 }
 
-/// The round trip in one call: sends a sample and waits up to `timeout_ns` for its increment. Late increments of
-/// samples sent earlier are kept aside for isotherm_receive: at most isotherm_depth, then the oldest is dropped. They
-/// count neither as in flight nor for a full queue. A time-out of 0 does not wait.
+/// The round trip of one sample, for programs that send one now and then: sends it and waits up to `timeout_ns` for its
+/// increment, which comes before those of earlier samples whose time-out has passed. These are kept aside for
+/// isotherm_receive: at most isotherm_depth, then the oldest is dropped. They count neither as in flight nor for a full
+/// queue. A time-out of 0 does not wait. Where order matters, as for angles, use isotherm_exchange.
 ///
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours. After ISOTHERM_OK, ISOTHERM_TIMEOUT and
 /// ISOTHERM_ERROR_TRANSPORT its pointer must not be used any more.
@@ -460,9 +515,9 @@ pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisi
     number(acquisition, Acquisition::in_flight)
 }
 
-/// Control periods, of all sessions of this connection, that have a sequence and were not sent: samples that were
-/// discarded or are still on loan, sequences that were left out, samples whose sending has failed, and all that is kept
-/// or was dropped there. 0 for a handle that cannot be used.
+/// Control periods, of all sessions of this connection, that have a sequence and are gone: samples that were discarded
+/// or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples whose
+/// sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::lost)

@@ -3,8 +3,8 @@
 
 use core::ffi::{CStr, c_char};
 use isotherm_client::{
-    CompensateError, ConnectError, DomainError, InFlight, MergeError, ReadingError, RealtimeError, SendError,
-    TransportError,
+    CompensateError, ConnectError, DomainError, ExchangeError, InFlight, MergeError, ReadingError, RealtimeError,
+    SendError, TransportError,
 };
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -19,8 +19,8 @@ pub enum isotherm_code {
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
-    /// As many samples are unanswered as the service's queue holds, or others are kept, which go first. The sample has
-    /// not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
+    /// As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which there
+    /// is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
     /// gap.
     ISOTHERM_FULL = 2,
     /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new
@@ -110,16 +110,18 @@ const SEQUENCE: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_SEQUENCE,
     c"the sequence does not rise above the last one sent or kept; the sample is still yours: raise it, or begin a session",
 );
+pub(crate) const FORKED: CodedError = CodedError::fixed(
+    ISOTHERM_ERROR_FORKED,
+    c"the handle is of the process that this one was forked from; connect again in the child",
+);
 const TIMEOUT: CodedError =
     CodedError::fixed(ISOTHERM_TIMEOUT, c"no answer from the service in time; `isotherm status` shows whether it runs");
 const PULSES: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_MERGE,
-    c"the summed pulses of a channel exceed 32 bits; begin another sum: isotherm_keep does that",
+    c"the summed pulses of a channel exceed 32 bits; send the two as two samples",
 );
-const INTERVAL: CodedError = CodedError::fixed(
-    ISOTHERM_ERROR_MERGE,
-    c"the summed interval exceeds one hour; begin another sum: isotherm_keep does that",
-);
+const INTERVAL: CodedError =
+    CodedError::fixed(ISOTHERM_ERROR_MERGE, c"the summed interval exceeds one hour; send the two as two samples");
 
 impl From<ConnectError> for CodedError {
     fn from(error: ConnectError) -> Self {
@@ -171,6 +173,15 @@ impl From<&SendError> for CodedError {
 }
 
 /// The error without its sample.
+impl From<&ExchangeError> for CodedError {
+    fn from(error: &ExchangeError) -> Self {
+        match error {
+            ExchangeError::Sequence(_) => SEQUENCE,
+            ExchangeError::Forked(_) => FORKED,
+        }
+    }
+}
+
 impl From<&CompensateError> for CodedError {
     fn from(error: &CompensateError) -> Self {
         match error {

@@ -1,8 +1,8 @@
 //! The handles that C gets. A handle admits one caller at a time, only in the process that created it, and catches
 //! panics.
 
-use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_FORKED, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
-use crate::code::{CodedError, NULL, code, isotherm_code};
+use crate::code::isotherm_code::{ISOTHERM_ERROR_BUSY, ISOTHERM_ERROR_INTERNAL, ISOTHERM_OK};
+use crate::code::{CodedError, FORKED, NULL, code, isotherm_code};
 use core::sync::atomic::Ordering;
 use isotherm_client::Process;
 use isotherm_client::sync::{AtomicU8, UnsafeCell};
@@ -52,10 +52,6 @@ impl<T> Handle<T> {
 const BUSY: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_BUSY,
     c"another call is in this handle, in another thread or interrupted by a signal handler; use a handle from one place at a time",
-);
-const FORKED: CodedError = CodedError::fixed(
-    ISOTHERM_ERROR_FORKED,
-    c"the handle is of the process that this one was forked from; connect again in the child",
 );
 const INTERNAL: CodedError = CodedError::fixed(
     ISOTHERM_ERROR_INTERNAL,

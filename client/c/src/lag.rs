@@ -40,9 +40,8 @@ pub struct isotherm_lag {
 /// measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
 /// docs/temperature-in-motion.md has the formula.
 ///
-/// This is not part of the sending path. If the service has taken a table with another time constant, with
-/// ISOTHERM_LAG_SERVICE, this call and the next one read the status, which allocates and makes system calls, but does
-/// not wait.
+/// If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this call has the helper
+/// thread of the acquisition read the status, and a later call takes it.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
 #[unsafe(no_mangle)]

@@ -59,7 +59,9 @@ impl Acquisition {
         self.wait(timeout, Self::receive)
     }
 
-    /// The round trip in one call: sends `sample` and waits up to `timeout` for its increment.
+    /// The round trip of one sample, for programs that send one now and then: sends `sample` and waits up to `timeout`
+    /// for its increment, which comes before those of earlier samples whose time-out has passed. Where order matters, as
+    /// for angles, use [`exchange`](Self::exchange).
     ///
     /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), at
     /// most [`depth`](Self::depth) of them. [`late`](Self::late) reports them, and continues to wait for the increment.
@@ -113,22 +115,43 @@ impl Acquisition {
         timeout: Duration,
         mut receive: impl FnMut(&mut Self) -> Result<Option<CompensatedIncrement>, TransportError>,
     ) -> Result<Option<CompensatedIncrement>, TransportError> {
-        const SPIN: Duration = Duration::from_micros(100);
-        let started = Instant::now();
+        let mut waiting = Waiting::new(timeout);
         loop {
             if let Some(answer) = receive(self)? {
                 return Ok(Some(answer));
             }
-            let waited = started.elapsed();
-            if waited >= timeout {
+            if !waiting.goes_on() {
                 return Ok(None);
             }
-            if waited < SPIN {
-                core::hint::spin_loop();
-            } else {
-                thread::sleep(Duration::from_micros(20));
-            }
+            self.send_kept()?;
         }
+    }
+}
+
+/// A wait between polls: it spins for the first 100 us, then sleeps for short times.
+pub(super) struct Waiting {
+    started: Instant,
+    timeout: Duration,
+}
+
+impl Waiting {
+    pub(super) fn new(timeout: Duration) -> Self {
+        Self { started: Instant::now(), timeout }
+    }
+
+    /// Waits for a moment; false if the time is over.
+    pub(super) fn goes_on(&mut self) -> bool {
+        const SPIN: Duration = Duration::from_micros(100);
+        let waited = self.started.elapsed();
+        if waited >= self.timeout {
+            return false;
+        }
+        if waited < SPIN {
+            core::hint::spin_loop();
+        } else {
+            thread::sleep(Duration::from_micros(20));
+        }
+        true
     }
 }
 

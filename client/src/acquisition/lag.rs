@@ -1,19 +1,13 @@
 //! What an acquisition reports to its lag.
 
 use crate::lag::{AcquisitionLag, Sensor};
-use crate::transport::stream::IpcNode;
 use isotherm_shared::lag::Lag;
-use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::wire::RawSample;
 
 /// The lag of an acquisition's temperatures: [`Acquisition::lag`](crate::Acquisition::lag).
 #[derive(Debug)]
 pub struct LagAccess<'a> {
     pub(super) lag: &'a mut AcquisitionLag,
-    /// For a look at the status of the service; `None` while the acquisition is cut off.
-    pub(super) node: Option<&'a IpcNode>,
-    pub(super) domain: &'a Domain,
-    pub(super) imu: &'a ImuId,
 }
 
 impl LagAccess<'_> {
@@ -23,22 +17,19 @@ impl LagAccess<'_> {
     /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has
     /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula.
     ///
-    /// This is not part of the sending path. If the service has taken a table with another time constant, with
-    /// [`LagOption::Service`], this call and a later one read the status, which allocates and makes system calls, but
-    /// does not wait. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If
-    /// readings are rare, give the last ones again while that is so: a reading with the time of the last is none, but
-    /// it asks.
+    /// If the service has taken a table with another time constant, with [`LagOption::Service`], this call has the
+    /// helper thread of the acquisition read the status, and a later call takes it. Increments are flagged
+    /// [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN) until then. If readings are rare, give the last ones
+    /// again while that is so: a reading with the time of the last is none, but it asks.
     ///
     /// [`LagOption::Service`]: crate::LagOption::Service
     pub fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {
-        self.renew();
         self.lag.read(sensor, temperature, time_ns);
     }
 
     /// Takes the readings of a sample of which it is not known whether its temperatures are new, as in a recording: see
     /// [`Lag::follow`]. Call it before the sample is sent, instead of [`read`](Self::read).
     pub fn follow(&mut self, sample: &RawSample) {
-        self.renew();
         self.lag.follow(sample);
     }
 
@@ -63,11 +54,5 @@ impl LagAccess<'_> {
     /// and computed without the transient terms, until the readings span three time constants: [`Lag::unknown`].
     pub fn forget(&mut self) {
         self.lag.restore(&Lag::default());
-    }
-
-    fn renew(&mut self) {
-        if let Some(node) = self.node {
-            self.lag.renew(node, self.domain, self.imu);
-        }
     }
 }

@@ -1,27 +1,32 @@
 //! The ports of an acquisition: what it gets when it joins the streams of its IMU.
 
-use crate::connect::{absent, unopened};
+use crate::connect::{absent, join_existing, unopened};
 use crate::error::ConnectError;
 use crate::loan::{TransportError, transport};
-use crate::loss::{Loss, removed_object, taken_connection};
+use crate::loss::OwnObjects;
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, pid_of, publisher_of};
-use crate::rehearsal::Rehearsal;
+use crate::rehearsal::{self, Rehearsal};
+use crate::resources::reserve;
 use crate::transport::ports::{
     Incoming, Outgoing, Payload as _, Publisher, Subscriber, connect_listeners, notifier, notify,
 };
-use crate::transport::stream::{self, Ipc, IpcNode, Stream};
+use crate::transport::stream::{self, Ipc, IpcNode, RAW_DEPTH, Stream};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::prelude::PortFactory as _;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::queue_depth;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::time::Instant;
 
 /// Samples that the caller may have on loan, not sent yet.
 const LOANS: usize = 4;
 
-/// The ports of an acquisition. They must be dropped before their node.
+/// The ports of an acquisition, and their node.
 #[derive(Debug)]
 pub(super) struct AcquisitionPorts {
     /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
@@ -34,21 +39,29 @@ pub(super) struct AcquisitionPorts {
     pub publisher: Publisher<RawSample>,
     pub subscriber: Subscriber<CompensatedIncrement>,
     pub notifier: Notifier<Ipc>,
+    pub raw: Stream<RawSample>,
     pub increments: Stream<CompensatedIncrement>,
-}
-
-/// The service at the other end.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ServiceEnd {
-    /// The id of its publisher, which is unique for ever.
-    pub id: u128,
-    /// How many samples may be unanswered.
-    pub depth: usize,
+    /// Of these ports: each loan of them has it too.
+    pub generation: Rc<()>,
+    pub objects: Arc<OwnObjects>,
+    /// Dropped last.
+    _node: Option<IpcNode>,
 }
 
 impl AcquisitionPorts {
-    /// Takes the places of the acquisition of an IMU; does not wait.
-    pub(super) fn attach(node: &IpcNode, domain: &Domain, imu: &ImuId) -> Result<(Self, ServiceEnd), ConnectError> {
+    /// Takes the places of the acquisition of an IMU, with this node, or one that it makes: where an attempt fails, the
+    /// next one has it. Waits no longer than until `deadline`, for the places of its rehearsals.
+    pub(super) fn attach(
+        kept_node: &mut Option<IpcNode>,
+        domain: &Domain,
+        imu: &ImuId,
+        deadline: Instant,
+    ) -> Result<Self, ConnectError> {
+        let node = match kept_node.take() {
+            Some(node) => node,
+            None => join_existing(domain)?,
+        };
+        let node = &*kept_node.insert(node);
         refuse_foreign(domain)?;
         let failed = |stream| move |error| unopened(node, domain, imu, stream, error);
         let (raw, increments) = (&stream::raw_name(imu), &stream::increment_name(imu));
@@ -57,7 +70,7 @@ impl AcquisitionPorts {
         let wake = stream::open_event(node, &stream::wake_name(imu));
         let wake = wake.map_err(|error| ConnectError::transport("opening the wake-up event", error))?;
         // The service creates its increment publisher last. When it exists, the service is ready.
-        let id = publisher_of(&increments).ok_or_else(|| absent(node, domain, imu))?.0;
+        publisher_of(&increments).ok_or_else(|| absent(node, domain, imu))?;
 
         let publisher = RawSample::publisher(&raw, LOANS + 2).map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
@@ -68,8 +81,8 @@ impl AcquisitionPorts {
             }
             other => ConnectError::transport("creating the raw publisher", other),
         })?;
-        let depth = depth_of(&raw, &increments);
-        let subscriber = CompensatedIncrement::subscriber(&increments, Some(queue_depth(depth)));
+        // Enough for each service that may come.
+        let subscriber = CompensatedIncrement::subscriber(&increments, Some(queue_depth(RAW_DEPTH)));
         let subscriber = subscriber.map_err(|error| match error {
             SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
                 // Dead readers occupy their places until their nodes are cleaned up.
@@ -79,8 +92,31 @@ impl AcquisitionPorts {
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;
         let notifier = notifier(&wake).map_err(|error| ConnectError::transport("creating the notifier", error))?;
-        let ports = Self { rehearsal: None, spare: None, read: None, publisher, subscriber, notifier, increments };
-        Ok((ports, ServiceEnd { id, depth }))
+        // At once, and again with the streams of rehearsals, whose places it may have to wait for.
+        reserve(domain)?;
+        let rehearsal = rehearsal::of_acquisition(node, imu, deadline)?;
+        reserve(domain)?;
+        let streams = [raw.service_hash(), increments.service_hash(), wake.service_hash()];
+        let objects = OwnObjects::of(domain, node, &streams, vec![publisher.id().value(), subscriber.id().value()]);
+        Ok(Self {
+            rehearsal,
+            spare: None,
+            read: None,
+            publisher,
+            subscriber,
+            notifier,
+            raw,
+            increments,
+            generation: Rc::new(()),
+            objects: Arc::new(objects),
+            _node: kept_node.take(),
+        })
+    }
+
+    /// The service at the other end: the id of its publisher, which is unique for ever, and how many samples may be
+    /// unanswered.
+    pub(super) fn service(&self) -> Option<(u128, usize)> {
+        publisher_of(&self.increments).map(|(id, _)| (id, depth_of(&self.raw, &self.increments)))
     }
 
     #[inline]
@@ -108,12 +144,5 @@ impl AcquisitionPorts {
         RawSample::connect(&self.publisher);
         connect_listeners(&self.notifier);
         CompensatedIncrement::waits(&self.subscriber);
-    }
-
-    /// What has cut these ports off from the service, if anything is seen.
-    pub(super) fn find_loss(&self, domain: &Domain) -> Option<Loss> {
-        let ports = [self.publisher.id().value(), self.subscriber.id().value()];
-        let removed = removed_object(domain).map(Loss::Removed);
-        removed.or_else(|| taken_connection(domain, &ports).map(Loss::Taken))
     }
 }

@@ -95,6 +95,7 @@ class Acquisition:
         *,
         serial: str | None = None,
         lag: Literal["service"] | float | None = "service",
+        kept: int = 16384,
     ) -> Self: ...
     @property
     def imu(self) -> str:
@@ -174,6 +175,8 @@ class Acquisition:
         It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
         sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.
         """
+    def exchange(self, sample: Loan | Records | np.void, timeout: float) -> Records:
+        """x"""
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
 

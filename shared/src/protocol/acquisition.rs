@@ -35,11 +35,12 @@ pub const fn depth_in_flight(queue: usize) -> usize {
     if depth > 0 { depth } else { 1 }
 }
 
-/// The state of an acquisition that sends samples `S` and receives answers `A`. Never allocates after construction.
+/// The state of an acquisition that sends samples `S` and receives answers `A`. Never allocates after construction, except in
+/// [`set_depth`](Self::set_depth).
 #[derive(Clone, Debug)]
 pub struct AcquisitionState<S, A> {
     session: u64,
-    /// Of the last sample of this session that was sent.
+    /// Of the last sample of this session that was [taken in](Self::take).
     last_sequence: Option<u64>,
     /// The highest number of this session that was loaned or sent.
     highest: Option<u64>,
@@ -150,33 +151,26 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     /// Takes the number of a loan back that stands for no control period. Only the last loan's: another one stays left
     /// out.
     pub fn cancel(&mut self, number: u64) {
-        if self.is_newest(number) {
+        if self.highest == Some(number) && self.rises(number) {
             self.highest = number.checked_sub(1);
         }
     }
 
-    /// A sample with this number will be sent, after all that are kept already, if `others` are: what is loaned from
-    /// now on has a higher one.
-    pub fn keep(&mut self, number: u64, others: bool) {
-        if !others && self.last_sequence.is_none() {
-            self.lost = self.lost.saturating_add(self.left_out(number));
-            // The one before it counts as sent, so that only the numbers from this one on are still to come.
-            self.last_sequence = number.checked_sub(1);
-        }
-        self.highest = self.highest.max(Some(number));
+    /// Takes in a sample with this number, which rises: it is sent now, or waits and is sent later. Lower numbers that
+    /// were not taken in are left out.
+    #[inline]
+    pub fn take(&mut self, sequence: u64) {
+        self.lost = self.lost.saturating_add(self.left_out(sequence));
+        self.last_sequence = Some(sequence);
+        self.highest = self.highest.max(Some(sequence));
     }
 
-    /// Leaves as many numbers out as control periods are lost that have none of their own, as those of a sum.
-    pub fn leave_out(&mut self, periods: u64) {
-        self.highest = self.highest.map(|highest| highest.saturating_add(periods));
+    /// A sample that was taken in is lost before it was sent.
+    pub const fn lose(&mut self) {
+        self.lost = self.lost.saturating_add(1);
     }
 
-    /// As many control periods are lost, and no number stands for them.
-    pub const fn lose(&mut self, periods: u64) {
-        self.lost = self.lost.saturating_add(periods);
-    }
-
-    /// How many numbers a sample leaves out that is sent now.
+    /// How many numbers a sample leaves out that is taken in now.
     #[inline]
     fn left_out(&self, sequence: u64) -> u64 {
         match self.last_sequence {
@@ -187,8 +181,9 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// Control periods of all sessions that have a number and were not sent: samples that were discarded or are still
-    /// on loan, numbers that the user left out, and samples whose sending has failed.
+    /// Control periods of all sessions that have a number and will not be sent: samples that were discarded or are still
+    /// on loan, numbers that the user left out, samples that were dropped while they waited, and samples whose sending
+    /// has failed.
     #[must_use]
     pub fn lost(&self) -> u64 {
         let after_last = match (self.highest, self.last_sequence) {
@@ -237,7 +232,14 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// Whether a sample with this sequence may be sent now.
+    /// Whether a sample with this sequence may be [taken in](Self::take): it is above the last one.
+    #[inline]
+    #[must_use]
+    pub const fn rises(&self, sequence: u64) -> bool {
+        rises(self.last_sequence, sequence)
+    }
+
+    /// Whether a sample with this sequence may be taken in and sent now.
     ///
     /// # Errors
     /// Why not.
@@ -245,23 +247,21 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     pub const fn may_send(&self, sequence: u64) -> Result<(), Refusal> {
         if self.is_full() {
             Err(Refusal::Full)
-        } else if rises(self.last_sequence, sequence) {
+        } else if self.rises(sequence) {
             Ok(())
         } else {
             Err(Refusal::Sequence)
         }
     }
 
-    /// Keeps a copy of a sample that is sent now, after [`may_send`](Self::may_send). Returns the copy.
+    /// Keeps a copy of a sample that is sent now, after [`take`](Self::take) and while there is room
+    /// ([`is_full`](Self::is_full)). Returns the copy.
     #[inline]
     pub fn send(&mut self, sequence: u64, sample: &S, now: u64) -> &mut S {
         if self.pending.len() == 0 {
             (self.silent_since_ns, self.unanswered_since_ns) = (now, now);
             self.resend_after_ns = SILENCE_NS;
         }
-        self.lost = self.lost.saturating_add(self.left_out(sequence));
-        self.last_sequence = Some(sequence);
-        self.highest = self.highest.max(Some(sequence));
         self.pending.push(sequence, self.surplus, sample)
     }
 
@@ -305,19 +305,6 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     #[must_use]
     pub const fn aside_dropped(&self) -> u64 {
         self.aside_dropped
-    }
-
-    /// The sequence of the last sample of this session that was sent; after a first [`keep`](Self::keep) the one
-    /// before.
-    #[must_use]
-    pub const fn last_sequence(&self) -> Option<u64> {
-        self.last_sequence
-    }
-
-    /// Whether this is the number of the last loan, so that [`cancel`](Self::cancel) takes it back.
-    #[must_use]
-    pub fn is_newest(&self, number: u64) -> bool {
-        self.highest == Some(number) && rises(self.last_sequence, number)
     }
 
     /// The next answer that came before the answer to an earlier sample, if it may leave now.
@@ -404,6 +391,20 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.resent_ns = now;
     }
 
+    /// Whether this is the service that all samples in flight were sent to.
+    #[must_use]
+    pub const fn is_known(&self, service: u128) -> bool {
+        self.service == service
+    }
+
+    /// Another service is there, or the streams were joined anew: at most `depth` samples, and at least one, can be
+    /// unanswered from now on, and the queue of the service holds this many. Returns the newest unanswered samples that
+    /// have no place any more, oldest first: they wait again. Allocates.
+    pub fn set_depth(&mut self, depth: usize, queue: usize) -> Vec<S> {
+        self.queue = queue.max(1);
+        if self.depth() == depth.max(1) { Vec::new() } else { self.pending.resize(depth.max(1)) }
+    }
+
     /// The streams were joined anew, with other ports: nothing that was sent before is certain to be in the service's
     /// queue, which has room for it all. Everything that is unanswered is sent again.
     pub const fn rejoined(&mut self, now: u64) {
@@ -442,12 +443,6 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
     pub(super) fn keys(&self) -> impl Iterator<Item = (u64, bool)> {
         self.pending.keys()
     }
-
-    /// For the search: whether this is the service that all samples in flight were sent to.
-    #[cfg(test)]
-    pub(super) const fn is_known(&self, service: u128) -> bool {
-        self.service == service
-    }
 }
 
 #[cfg(test)]
@@ -458,13 +453,44 @@ mod tests {
         AcquisitionState::new(1, 2, queue_depth(2), 1)
     }
 
+    fn send(state: &mut AcquisitionState<(), u64>, sequence: u64) {
+        state.take(sequence);
+        state.send(sequence, &(), 0);
+    }
+
+    #[test]
+    fn what_waits_is_not_lost_until_it_is_dropped() {
+        let mut state = state();
+        (0..4).for_each(|_| _ = state.loan());
+        (0..4).for_each(|number| state.take(number));
+        assert_eq!((state.lost(), state.may_send(3)), (0, Err(Refusal::Sequence)));
+        state.lose();
+        state.send(1, &(), 0);
+        assert_eq!((state.lost(), state.in_flight()), (1, 1));
+    }
+
+    #[test]
+    fn a_smaller_depth_leaves_the_oldest_in_flight_and_a_larger_one_all() {
+        let mut state = AcquisitionState::<u64, u64>::new(1, 4, queue_depth(4), 1);
+        for sequence in 0..4 {
+            state.take(sequence);
+            state.send(sequence, &sequence, 0);
+        }
+        assert!(!state.answered(1, 1, &1) && !state.answered(1, 3, &3));
+        assert_eq!(state.set_depth(2, queue_depth(2)), [2, 3]);
+        assert_eq!(state.keys().collect::<Vec<_>>(), [(0, false), (1, true)]);
+        assert!(state.is_full() && state.answered(1, 0, &0));
+        assert_eq!(state.next_kept(), Some(1));
+        assert_eq!((state.set_depth(8, queue_depth(8)).len(), state.depth(), state.in_flight()), (0, 8, 0));
+    }
+
     #[test]
     fn a_loan_has_one_above_the_highest_that_was_loaned_or_sent() {
         let mut state = state();
         assert_eq!([state.loan(), state.loan()], [0, 1]);
-        state.send(0, &(), 0);
+        send(&mut state, 0);
         assert_eq!(state.loan(), 2, "1 is on loan, or was dropped");
-        state.send(40, &(), 0);
+        send(&mut state, 40);
         assert_eq!(state.loan(), 41, "the user has raised a sequence");
         state.cancel(40);
         state.cancel(2);
@@ -475,7 +501,7 @@ mod tests {
         state.loan();
         state.cancel(0);
         assert_eq!(state.loan(), 0);
-        state.send(u64::MAX, &(), 0);
+        send(&mut state, u64::MAX);
         assert_eq!(state.loan(), u64::MAX, "sequences do not wrap");
         state.cancel(u64::MAX);
         assert_eq!(state.may_send(u64::MAX), Err(Refusal::Sequence), "what was sent cannot be cancelled");
@@ -486,17 +512,17 @@ mod tests {
         let mut state = state();
         (0..3).for_each(|_| _ = state.loan());
         assert_eq!(state.lost(), 3);
-        state.send(2, &(), 0);
+        send(&mut state, 2);
         assert_eq!(state.lost(), 2);
         state.answered(1, 2, &2);
-        state.send(7, &(), 0);
+        send(&mut state, 7);
         assert_eq!(state.lost(), 6);
         state.send_failed();
         state.loan();
         assert_eq!(state.lost(), 8);
         state.begin_session(2).unwrap();
         state.loan();
-        state.send(1000, &(), 0);
+        send(&mut state, 1000);
         assert_eq!(state.lost(), 8, "a session may begin anywhere");
         state.loan();
         state.cancel(1001);

@@ -1,5 +1,5 @@
-//! Samples that an acquisition has sent and whose answers its user has not received yet. Bounded; never allocates after
-//! construction.
+//! Samples that an acquisition has sent and whose answers its user has not received yet. Bounded; allocates only when it
+//! is made or gets another size.
 
 /// Samples of type `S` in the order of their sequence, each with its answer of type `A` if that has come.
 ///
@@ -67,6 +67,17 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
         let kept = &mut self.samples[slot];
         *kept = *sample;
         kept
+    }
+
+    /// Makes place for `depth` samples in all. The oldest stay, with their answers; returns the others, oldest first.
+    pub(super) fn resize(&mut self, depth: usize) -> Vec<S> {
+        let old = core::mem::replace(self, Self::new(depth));
+        for (index, slot) in old.slots(0).enumerate().take(depth) {
+            (self.keys[index], self.samples[index], self.answers[index]) =
+                (old.keys[slot], old.samples[slot], old.answers[slot]);
+        }
+        self.len = old.len.min(depth);
+        old.samples(self.len).copied().collect()
     }
 
     /// Removes the newest sample.

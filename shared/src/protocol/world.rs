@@ -487,6 +487,7 @@ impl World {
         if self.discarded.contains(session, sequence) {
             return Err(format!("a period is lost in silence: another one gets its sequence {sequence}"));
         }
+        self.acquisition.take(u64::from(sequence));
         self.acquisition.send(u64::from(sequence), &sequence, self.now);
         // The user sends out of order: those before it cannot be sent any more.
         for before in self.loans.iter().filter(|number| **number < sequence) {

@@ -109,11 +109,13 @@ fn spinning_makes_no_system_call_on_either_side() {
             let (mut calls, before) = (0, received());
             // Trace until enough samples have arrived, however long this takes on a loaded machine.
             let samples = loop {
-                let Some(more) = system_calls(thread, Duration::from_millis(500)) else {
+                let mut since = None;
+                let is_over = || since.get_or_insert_with(Instant::now).elapsed() > Duration::from_millis(500);
+                let Some(more) = system_calls(thread, is_over) else {
                     skip("this user may not trace a process", Needs::Machine);
                     return;
                 };
-                calls += more;
+                calls += more.len();
                 let samples = received() - before;
                 if samples > 1_000 {
                     break samples;
@@ -129,18 +131,18 @@ fn spinning_makes_no_system_call_on_either_side() {
     }
 }
 
-/// The number of a thread's system calls within a time; `None` if it may not be traced.
-fn system_calls(thread: Pid, time: Duration) -> Option<u64> {
+/// The numbers of a thread's system calls until something is so; `None` if it may not be traced.
+pub(crate) fn system_calls(thread: Pid, mut is_over: impl FnMut() -> bool) -> Option<Vec<i64>> {
     ptrace::seize(thread, ptrace::Options::PTRACE_O_TRACESYSGOOD).ok()?;
     // Only a stopped thread can be made to stop at every system call.
     ptrace::interrupt(thread).unwrap();
-    let (started, mut since, mut stops) = (Instant::now(), None::<Instant>, 0);
-    let mut detaching = false;
+    let (started, mut calls) = (Instant::now(), vec![]);
+    let (mut is_tracing, mut is_entry, mut detaching) = (false, false, false);
     loop {
         match waitpid(thread, Some(WaitPidFlag::WNOHANG | WaitPidFlag::__WALL)).unwrap() {
             WaitStatus::StillAlive => {
-                assert!(started.elapsed() < time + TIMEOUT, "the traced thread does not stop");
-                if since.is_some_and(|since| since.elapsed() > time) && !detaching {
+                assert!(started.elapsed() < 2 * TIMEOUT, "what the traced thread should do does not happen");
+                if is_tracing && !detaching && is_over() {
                     detaching = true;
                     ptrace::interrupt(thread).unwrap();
                 }
@@ -149,16 +151,20 @@ fn system_calls(thread: Pid, time: Duration) -> Option<u64> {
             // The thread can be detached at any stop.
             WaitStatus::PtraceSyscall(_) | WaitStatus::PtraceEvent(..) | WaitStatus::Stopped(..) if detaching => {
                 ptrace::detach(thread, None).unwrap();
-                // Each system call stops the thread twice: on entry and on exit.
-                return Some(stops / 2);
+                return Some(calls);
             }
             WaitStatus::PtraceSyscall(_) => {
-                stops += 1;
+                // Each call stops the thread twice: on entry and on exit.
+                is_entry = !is_entry;
+                if is_entry {
+                    let call = fs::read_to_string(format!("/proc/{thread}/syscall")).unwrap();
+                    calls.push(call.split(' ').next().unwrap().parse().unwrap());
+                }
                 ptrace::syscall(thread, None).unwrap();
             }
             WaitStatus::PtraceEvent(..) | WaitStatus::Stopped(..) => {
                 // From here on it stops at every call.
-                since.get_or_insert_with(Instant::now);
+                is_tracing = true;
                 ptrace::syscall(thread, None).unwrap();
             }
             other => panic!("{other:?}"),

@@ -1,16 +1,21 @@
-//! The waiting line of an acquisition, with a service that stands still: what fits arrives, what does not is a gap of
-//! as many periods, and every period has the lag of its time.
+//! The waiting line of an acquisition, with a service that stands still: each period waits as it is, and what does not
+//! fit is a gap.
 
-use isotherm_client::{
-    Acquisition, ClosingNote, Flags, Lag, LagOption, RawReader, RawSample, SendError, TimeConstant, Triad,
-};
-use isotherm_client::{CompensatedIncrement, MOST_KEPT, Sensor};
-use isotherm_tests::{TestDomain, id, wait_until};
+use isotherm_client::{Acquisition, ClosingNote, Flags, Lag, LagOption, Options, RawReader, RawSample, SendError};
+use isotherm_client::{CompensateError, Sensor, TimeConstant, Triad};
+use isotherm_tests::{TIMEOUT, TestDomain, id, wait_until};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 const PERIOD_NS: u64 = 2_500_000;
 
-/// Fills control period `number` in.
+/// Loans control period `number`, filled in.
+fn period(acquisition: &mut Acquisition, number: u64, head: f64) -> isotherm_client::Loan {
+    let mut sample = acquisition.loan().unwrap();
+    fill(&mut sample, number, head);
+    sample
+}
+
 fn fill(sample: &mut RawSample, number: u64, head: f64) {
     (sample.timestamp_ns, sample.interval_ns) = ((number + 1) * PERIOD_NS, PERIOD_NS);
     sample.telemetry_ns = sample.timestamp_ns;
@@ -25,8 +30,7 @@ fn fill(sample: &mut RawSample, number: u64, head: f64) {
 /// Sends periods from 0 on until the service has no room for one, which is kept. Returns the number of the next.
 fn fill_up(acquisition: &mut Acquisition) -> u64 {
     for number in 0.. {
-        let mut sample = acquisition.loan().unwrap();
-        fill(&mut sample, number, 2.5);
+        let sample = period(acquisition, number, 2.5);
         match acquisition.send(sample) {
             Ok(()) => {}
             Err(SendError::Full(sample)) => {
@@ -41,60 +45,51 @@ fn fill_up(acquisition: &mut Acquisition) -> u64 {
 
 #[test]
 fn what_does_not_fit_into_memory_is_a_gap_of_as_many_periods() {
+    const KEPT: u64 = 300;
     const DROPPED: u64 = 10;
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    let (mut acquisition, mut reader) = (domain.acquisition("imu-a"), domain.reader("imu-a"));
+    let mut reader = domain.reader("imu-a");
+    let options = Options { kept: KEPT as usize, ..domain.options() };
+    let mut acquisition = Acquisition::connect(&id("imu-a"), &options).unwrap();
     service.stop();
     let begun = fill_up(&mut acquisition);
-    let end = begun + 3 * (MOST_KEPT as u64 + DROPPED) - 1;
-    for number in begun..end {
-        let mut sample = acquisition.loan().unwrap();
-        fill(&mut sample, number, 2.5);
-        // Another device after each three, so that a sum ends.
-        sample.device = 1 + (number - begun + 1) / 3 % 2;
+    for number in begun..begun + KEPT - 1 + DROPPED {
+        let sample = period(&mut acquisition, number, 2.5);
         acquisition.keep(sample).unwrap();
     }
-    assert_eq!(acquisition.kept(), 3 * MOST_KEPT as u64, "the oldest are dropped");
-    assert_eq!(acquisition.lost(), end - acquisition.in_flight() as u64, "what waits counts until it is sent");
-    assert!(matches!(acquisition.begin_session(), Err(error) if error.0 > MOST_KEPT));
+    let end = begun + KEPT - 1 + DROPPED;
+    assert_eq!((acquisition.kept(), acquisition.lost()), (KEPT, DROPPED), "the oldest are dropped, the others wait");
+    assert!(matches!(acquisition.begin_session(), Err(error) if error.0 > KEPT as usize));
+    assert_eq!(acquisition.closing().lost, KEPT + DROPPED);
 
     service.resume();
-    let (mut passed, mut gaps) = (0, vec![]);
-    let mut last: Option<CompensatedIncrement> = None;
+    let (mut next, mut gaps) = (0, vec![]);
     wait_until("all that was kept", || {
-        acquisition.send_kept().unwrap();
-        while acquisition.receive().unwrap().is_some() {}
+        while acquisition.receive_timeout(Duration::from_millis(1)).unwrap().is_some() {}
         while let Some(increment) = reader.receive().unwrap() {
-            let missing = last.map_or(0, |last| increment.sequence - last.sequence - 1);
-            passed += missing * PERIOD_NS + increment.interval_ns;
-            assert_eq!(increment.timestamp_ns, passed, "in order, and the gap is where the time is missing");
+            let missing = increment.sequence - next;
+            assert_eq!((increment.timestamp_ns, increment.interval_ns), ((next + missing + 1) * PERIOD_NS, PERIOD_NS));
             assert_eq!(Flags(increment.flags).intersects(Flags::LOST), missing > 0);
             gaps.extend(Some(missing).filter(|missing| *missing > 0));
-            last = Some(increment);
+            next = increment.sequence + 1;
         }
-        acquisition.kept() == 0 && acquisition.in_flight() == 0 && passed == end * PERIOD_NS
+        acquisition.kept() == 0 && acquisition.in_flight() == 0 && next == end
     });
-    assert_eq!(gaps, [3 * DROPPED]);
+    assert_eq!(gaps, [DROPPED]);
     let imu = domain.imu_status();
-    assert_eq!(
-        (&imu["gaps"], &imu["missing"], &imu["repeats"]),
-        (&1.into(), &(3 * DROPPED).into(), &0.into()),
-        "{imu}"
-    );
-    let ClosingNote { lost, unanswered } = acquisition.close();
-    assert_eq!((lost, unanswered), (3 * DROPPED, 0));
-    wait_until("the closing", || domain.imu_status()["closed"]["lost"] == 3 * DROPPED);
+    assert_eq!((&imu["gaps"], &imu["missing"], &imu["repeats"]), (&1.into(), &DROPPED.into(), &0.into()), "{imu}");
+    assert_eq!(acquisition.close(), ClosingNote { lost: DROPPED, unanswered: 0 });
+    wait_until("the closing", || domain.imu_status()["closed"]["lost"] == DROPPED);
     service.terminate();
 }
 
 #[test]
-fn periods_that_were_kept_have_the_lag_of_their_time_and_count_when_they_are_given_up() {
-    const TAU_S: f64 = 10.0;
+fn a_period_that_waits_has_lag_and_sending_time_of_its_moment() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    let lag = LagOption::Fixed(TimeConstant::from_seconds(TAU_S).unwrap());
-    let options = isotherm_client::Options { lag, ..domain.options() };
+    let lag = LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap());
+    let options = Options { lag, ..domain.options() };
     let mut acquisition = Acquisition::connect(&id("imu-a"), &options).unwrap();
     let mut recorder = RawReader::connect(id("imu-a"), &domain.options()).unwrap();
     service.stop();
@@ -108,44 +103,65 @@ fn periods_that_were_kept_have_the_lag_of_their_time_and_count_when_they_are_giv
         known.insert(time_ns, expected.sensors[0].unwrap().lagged);
     };
     let begun = fill_up(&mut acquisition);
+    let kept_since = isotherm_client::monotonic_ns();
     for number in begun..begun + 300 {
-        let head = 2.5 + 1e-3 * number as f64;
+        let head = 2.5 + 1e-6 * number as f64;
         read(&mut acquisition, number, head);
-        let mut sample = acquisition.loan().unwrap();
-        fill(&mut sample, number, head);
+        let sample = period(&mut acquisition, number, head);
         acquisition.keep(sample).unwrap();
     }
+    let kept_until = isotherm_client::monotonic_ns();
     // What comes later changes nothing about what waits.
-    read(&mut acquisition, begun + 100_000, 9.0);
+    read(&mut acquisition, begun + 100_000, 2.6);
     service.resume();
-    let mut sums = vec![];
+    let mut sent = vec![];
     wait_until("all that was kept", || {
-        acquisition.send_kept().unwrap();
-        while acquisition.receive().unwrap().is_some() {}
-        sums.extend(
+        while acquisition.receive_timeout(Duration::from_millis(1)).unwrap().is_some() {}
+        sent.extend(
             std::iter::from_fn(|| recorder.receive().unwrap()).filter(|raw| raw.timestamp_ns > begun * PERIOD_NS),
         );
-        acquisition.kept() == 0 && acquisition.in_flight() == 0
+        acquisition.kept() == 0 && acquisition.in_flight() == 0 && sent.len() == 300
     });
-    // The one that was handed back while the service was full had no lag, and is part of the first sum. The table is
-    // not known to an acquisition that does not ask for its time constant, so sums end at 64 periods.
-    let lengths: Vec<_> = sums.iter().map(|raw| raw.interval_ns / PERIOD_NS).collect();
-    assert_eq!(lengths, [64, 64, 64, 64, 45]);
-    for raw in &sums {
+    for raw in &sent {
         let lagged = known[&raw.timestamp_ns];
         assert!(raw.accelerometers.head_lagged.iter().all(|value| *value == lagged), "{lagged} {raw:?}");
-        assert_eq!(raw.lag_ns, 10_000_000_000);
+        assert_eq!((raw.lag_ns, raw.interval_ns), (10_000_000_000, PERIOD_NS));
+        assert!((kept_since..=kept_until).contains(&raw.sent_ns), "{raw:?}");
     }
 
-    // What still waits at the end is lost, all periods of it.
+    // What still waits at the end is lost.
     service.stop();
     for number in 0..200 {
-        let mut sample = acquisition.loan().unwrap();
-        fill(&mut sample, begun + 300 + number, 2.5);
+        let sample = period(&mut acquisition, begun + 300 + number, 2.5);
         acquisition.keep(sample).unwrap();
     }
+    assert_eq!((acquisition.lost(), acquisition.kept()), (0, 200));
     assert_eq!(acquisition.close(), ClosingNote { lost: 200, unanswered: 0 });
     service.resume();
     wait_until("the closing", || domain.imu_status()["closed"]["lost"] == 200);
+    service.terminate();
+}
+
+#[test]
+fn keeping_without_sending_what_is_kept_silences_nobody() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    service.stop();
+    let mut number = fill_up(&mut acquisition);
+    service.resume();
+    wait_until("a round trip", || {
+        let sample = period(&mut acquisition, number, 2.5);
+        number += 1;
+        match acquisition.compensate(sample, TIMEOUT) {
+            Ok(_) => true,
+            Err(CompensateError::Send(SendError::Full(sample))) => {
+                acquisition.keep(sample).unwrap();
+                false
+            }
+            Err(other) => panic!("{other}"),
+        }
+    });
+    assert_eq!((acquisition.kept(), acquisition.lost()), (0, 0));
     service.terminate();
 }

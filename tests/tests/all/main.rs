@@ -20,6 +20,7 @@ mod documents;
 mod endings;
 // The tracer knows the registers of this processor.
 #[cfg(target_arch = "x86_64")]
+mod exchange;
 mod faults;
 mod feed;
 mod formats;

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const PERIOD: Duration = Duration::from_millis(2);
 
 /// Removes all that the domain has in shared memory. Returns how many objects there were.
-fn remove_memory(domain: &TestDomain) -> usize {
+pub(crate) fn remove_memory(domain: &TestDomain) -> usize {
     let prefix = domain.client_domain().prefix();
     let entries = fs::read_dir("/dev/shm").unwrap().flatten();
     let own = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
