@@ -25,6 +25,10 @@
 #ifndef ISOTHERM_HPP
 #define ISOTHERM_HPP
 
+#if __cplusplus < 201703L
+#error "isotherm.hpp needs C++17: compile with -std=c++17 or later, or use isotherm.h"
+#endif
+
 #include "isotherm.h"
 
 #include <array>
@@ -168,7 +172,7 @@ inline std::uint64_t count(std::chrono::nanoseconds time) noexcept
 inline Result<std::optional<CompensatedIncrement>> some(isotherm_code code, const CompensatedIncrement &increment)
 {
     return result<std::optional<CompensatedIncrement>>(
-        code, [&](isotherm_code code) { return code == ISOTHERM_OK ? std::optional(increment) : std::nullopt; });
+        code, [&](isotherm_code done) { return done == ISOTHERM_OK ? std::optional(increment) : std::nullopt; });
 }
 
 }  // namespace detail
@@ -355,8 +359,8 @@ public:
     {
         Answer answer;
         const auto code = sent(sample, isotherm_compensate(handle_.get(), sample.raw_, detail::count(timeout), &answer.increment_));
-        return detail::result<Answer>(code, [&](isotherm_code code) {
-            answer.code_ = code;
+        return detail::result<Answer>(code, [&](isotherm_code sent_code) {
+            answer.code_ = sent_code;
             return answer;
         });
     }
