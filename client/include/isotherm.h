@@ -583,7 +583,8 @@ typedef struct {
      */
     uint64_t sequence;
     /**
-     * End of the control period on the acquisition's clock [ns].
+     * End of the control period on the acquisition's clock [ns]; 0 = not given: then no time step is found, and
+     * what is missing between two sessions is not counted.
      */
     uint64_t timestamp_ns;
     /**
@@ -751,10 +752,11 @@ isotherm_code isotherm_acquisition_close(isotherm_acquisition *acquisition);
  * Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
  * discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
  *
- * `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them,
- * except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
- * highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
- * flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
+ * `session` and `sequence` are set already, every head and board temperature is NaN, all other fields are 0. Set them,
+ * except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. A temperature that is not
+ * set gives NaN for its sensor, flagged ISOTHERM_FLAG_A1_NOT_FINITE and so on. `sequence` is one above the highest
+ * that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service flags
+ * the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
  */
@@ -1193,7 +1195,7 @@ ISOTHERM_ASSERT(sizeof(isotherm_readings) == 72);
  * table with gyroscopes gives NaN and flags it. A zeroed sample has temperature 0. For C and C++.
  */
 #define ISOTHERM_RAW_SAMPLE_INIT \
-    {0, 0, 0, 0, 0, 0, 0, 0, {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}}, \
+    {0, 0, 0, 0, 0, 0, 0, 0, {{0, 0, 0}, {0, 0, 0}, {NAN, NAN, NAN}, {NAN, NAN, NAN}, {0, 0, 0}}, \
      {{0, 0, 0}, {0, 0, 0}, {NAN, NAN, NAN}, {NAN, NAN, NAN}, {0, 0, 0}}}
 
 #endif /* ISOTHERM_H */

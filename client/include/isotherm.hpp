@@ -297,7 +297,8 @@ public:
     /// wait for the end of a control period, some tens of microseconds before it.
     Result<void> prepare() { return detail::done(isotherm_prepare(handle_.get())); }
 
-    /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent.
+    /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent. Every temperature is
+    /// NaN until you set it.
     [[nodiscard]] Result<Sample> loan()
     {
         RawSample *raw = nullptr;

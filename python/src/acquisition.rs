@@ -271,7 +271,8 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
+    /// Loans a sample in shared memory, to be filled in; session and sequence are set already, and every temperature is
+    /// NaN. At most 4 at once.
     ///
     /// It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
     /// sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.

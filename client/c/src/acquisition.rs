@@ -223,10 +223,11 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
 /// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them,
-/// except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
-/// highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
-/// flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
+/// `session` and `sequence` are set already, every head and board temperature is NaN, all other fields are 0. Set them,
+/// except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. A temperature that is not
+/// set gives NaN for its sensor, flagged ISOTHERM_FLAG_A1_NOT_FINITE and so on. `sequence` is one above the highest
+/// that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service flags
+/// the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
