@@ -943,7 +943,8 @@ const char *isotherm_error_message(void);
  *
  * `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
  * measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
- * docs/temperature-in-motion.md has the formula.
+ * With ISOTHERM_LAG_SERVICE neither is one that no thermometer gives: far outside the ranges of the table in force, or
+ * a step that is too fast. docs/temperature-in-motion.md has the formula and the limits.
  *
  * This is not part of the sending path. If the service has taken a table with another time constant, with
  * ISOTHERM_LAG_SERVICE, this call and the next one read the status, which allocates and makes system calls, but does
@@ -952,6 +953,14 @@ const char *isotherm_error_message(void);
  * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
  */
 isotherm_code isotherm_reading(isotherm_acquisition *acquisition, uint32_t sensor, double telemetry, uint64_t time_ns);
+
+/**
+ * Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer: as
+ * isotherm_reading once for each of the six. Gyroscopes that the IMU does not have stay absent.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_reading_of_all(isotherm_acquisition *acquisition, double telemetry, uint64_t time_ns);
 
 /**
  * The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.
@@ -979,13 +988,22 @@ isotherm_code isotherm_save_lag(const isotherm_acquisition *acquisition, isother
 isotherm_code isotherm_restore_lag(isotherm_acquisition *acquisition, const isotherm_lag *lag);
 
 /**
- * Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a restart
- * without a saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms,
- * until the readings span three time constants.
+ * Informs the library that what the temperatures have been is not known. That is so already when the acquisition
+ * connects, and when it begins a session. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the
+ * transient terms, until the readings span three time constants.
  *
  * ISOTHERM_OK.
  */
 isotherm_code isotherm_forget_lag(isotherm_acquisition *acquisition);
+
+/**
+ * Informs the library that the IMU is soaked: its temperatures have been those of the next readings for three time
+ * constants. Only what has just been powered, or has stood long enough, is. If it is not, the lagged temperature is
+ * wrong by the difference, which decays with the time constant, and no flag shows it.
+ *
+ * ISOTHERM_OK.
+ */
+isotherm_code isotherm_soaked(isotherm_acquisition *acquisition);
 
 /**
  * Creates a reader that connects at once if the service is there, and otherwise in a later call, as soon as it is;
@@ -1191,8 +1209,9 @@ ISOTHERM_ASSERT(sizeof(isotherm_readings) == 72);
 #undef ISOTHERM_ASSERT
 
 /**
- * A sample of your own, of an IMU without gyroscopes, as isotherm_loan gives it: all 0, the gyroscopes' temperature NaN, so that a
- * table with gyroscopes gives NaN and flags it. A zeroed sample has temperature 0. For C and C++.
+ * A sample of your own, as isotherm_loan gives it: all 0, but every head and board temperature NaN. A temperature that you forget
+ * gives NaN and a flag, and so do the gyroscopes of a table for an IMU without them. A zeroed sample has temperature 0, which is a
+ * reading for the accelerometers. For C and C++.
  */
 #define ISOTHERM_RAW_SAMPLE_INIT \
     {0, 0, 0, 0, 0, 0, 0, 0, {{0, 0, 0}, {0, 0, 0}, {NAN, NAN, NAN}, {NAN, NAN, NAN}, {0, 0, 0}}, \

@@ -276,6 +276,12 @@ public:
         return detail::done(isotherm_reading(handle_.get(), sensor, telemetry, time_ns));
     }
 
+    /// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer.
+    Result<void> reading_of_all(double telemetry, std::uint64_t time_ns)
+    {
+        return detail::done(isotherm_reading_of_all(handle_.get(), telemetry, time_ns));
+    }
+
     /// The time constant that samples are sent with [ns]; 0 while there is none.
     std::uint64_t lag_ns() const noexcept { return isotherm_lag_ns(handle_.get()); }
 
@@ -289,9 +295,12 @@ public:
     /// Goes on with a state that was saved, on the same clock. Call forget_lag() in its place if it was saved with another boot().
     Result<void> restore_lag(const Lag &saved) { return detail::done(isotherm_restore_lag(handle_.get(), &saved)); }
 
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
-    /// are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
+    /// Tells that what the temperatures have been is not known, as is so already when the acquisition connects, and when it begins a session.
+    /// Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
     Result<void> forget_lag() { return detail::done(isotherm_forget_lag(handle_.get())); }
+
+    /// Tells that the IMU is soaked: its temperatures have been those of the next readings for three time constants.
+    Result<void> soaked() { return detail::done(isotherm_soaked(handle_.get())); }
 
     /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Call it while you
     /// wait for the end of a control period, some tens of microseconds before it.
@@ -384,7 +393,8 @@ public:
     }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
-    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this. Throws if samples are unanswered.
+    /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then, unless the lag is
+    /// restored, or the IMU said to be soaked, after this. Throws if samples are unanswered.
     Result<void> begin_session() { return detail::done(isotherm_begin_session(handle_.get())); }
 
 private:

@@ -120,8 +120,8 @@ impl Acquisition {
         self.state.session()
     }
 
-    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
-    /// [restored](LagAccess::restore) or [forgotten](LagAccess::forget) after this.
+    /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
+    /// unless the lag is [restored](LagAccess::restore), or the IMU said to be [soaked](LagAccess::soaked), after this.
     ///
     /// # Errors
     /// If samples are unanswered, or [kept](Self::keep).

@@ -96,6 +96,7 @@ fn periods_that_were_kept_have_the_lag_of_their_time_and_count_when_they_are_giv
     let lag = LagOption::Fixed(TimeConstant::from_seconds(TAU_S).unwrap());
     let options = isotherm_client::Options { lag, ..domain.options() };
     let mut acquisition = Acquisition::connect(&id("imu-a"), &options).unwrap();
+    acquisition.lag().soaked();
     let mut recorder = RawReader::connect(id("imu-a"), &domain.options()).unwrap();
     service.stop();
     let (mut expected, mut known) = (Lag::new(10_000_000_000), BTreeMap::new());
