@@ -74,6 +74,7 @@ mod closing;
 mod connect;
 mod error;
 mod folder;
+mod heartbeat;
 mod kept;
 mod lag;
 mod lag_option;
