@@ -383,8 +383,8 @@ flags! {
         /// sample has none, or the lag difference is not finite or larger than the bias's range. The increment is
         /// computed without that term.
         LAG_UNKNOWN = 21,
-            "It ends automatically after a start or a new table. If it persists, feed `reading` with each \
-             temperature, and let the lag follow the table's: docs/temperature-in-motion.md.";
+            "It ends automatically after a start, a new table or a fault of the thermometer. If it persists, feed \
+             `reading` with each temperature, and let the lag follow the table's: docs/temperature-in-motion.md.";
         /// The sample comes from a device other than that of the table. It is not flagged if either is unknown. The
         /// increment is computed with that table.
         OTHER_DEVICE = 22, "Give the device its own table, or correct the serial number that the acquisition sends.";
