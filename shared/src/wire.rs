@@ -36,8 +36,8 @@ pub struct Triad {
 }
 
 impl Triad {
-    /// Sensors that the IMU does not have, or that nobody has filled in: no pulses, and temperature that is NaN. A table
-    /// that has them gives NaN, flagged `not-finite`.
+    /// Sensors that the IMU does not have, or that nobody has filled in: no pulses, and temperature that is NaN. A
+    /// table that has them gives NaN, flagged `not-finite`.
     pub const ABSENT: Self = Self {
         positive_pulses: [0; AXES],
         negative_pulses: [0; AXES],
