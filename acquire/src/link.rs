@@ -66,7 +66,7 @@ fn resume(acquisition: &mut Acquisition, before: Option<KeptLag>, first: &RawSam
     let lag_ns = acquisition.lag().state().lag_ns;
     match before.and_then(|before| before.resumed(first, lag_ns, monotonic_ns())) {
         Some(lag) => acquisition.lag().restore(&lag),
-        None if is_soaked => {}
+        None if is_soaked => acquisition.lag().soaked(),
         None => {
             acquisition.lag().forget();
             if lag_ns > 0 {
@@ -249,6 +249,9 @@ impl Link {
                 (self.session, self.lag) = (next.session, None);
                 if self.note.is_some() {
                     resume(acquisition, before, &next.raw, self.soaked.contains(next));
+                } else {
+                    // As in a recording.
+                    acquisition.lag().soaked();
                 }
             }
             acquisition.lag().follow(&next.raw);

@@ -30,6 +30,10 @@
 #ifndef ISOTHERM_HPP
 #define ISOTHERM_HPP
 
+#if __cplusplus < 201703L
+#error "isotherm.hpp needs C++17: compile with -std=c++17 or later, or use isotherm.h"
+#endif
+
 #include "isotherm.h"
 
 #include <array>
@@ -173,7 +177,7 @@ inline std::uint64_t count(std::chrono::nanoseconds time) noexcept
 inline Result<std::optional<CompensatedIncrement>> some(isotherm_code code, const CompensatedIncrement &increment)
 {
     return result<std::optional<CompensatedIncrement>>(
-        code, [&](isotherm_code code) { return code == ISOTHERM_OK ? std::optional(increment) : std::nullopt; });
+        code, [&](isotherm_code done) { return done == ISOTHERM_OK ? std::optional(increment) : std::nullopt; });
 }
 
 }  // namespace detail
@@ -295,6 +299,12 @@ public:
         return detail::done(isotherm_reading(handle_.get(), sensor, telemetry, time_ns));
     }
 
+    /// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer.
+    Result<void> reading_of_all(double telemetry, std::uint64_t time_ns)
+    {
+        return detail::done(isotherm_reading_of_all(handle_.get(), telemetry, time_ns));
+    }
+
     /// The time constant that samples are sent with [ns]; 0 while there is none.
     std::uint64_t lag_ns() const noexcept { return isotherm_lag_ns(handle_.get()); }
 
@@ -308,15 +318,19 @@ public:
     /// Goes on with a state that was saved, on the same clock. Call forget_lag() in its place if it was saved with another boot().
     Result<void> restore_lag(const Lag &saved) { return detail::done(isotherm_restore_lag(handle_.get(), &saved)); }
 
-    /// Tells that the IMU is not soaked and what its temperatures have been is not known, as after a restart without a saved state. Increments
-    /// are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
+    /// Tells that what the temperatures have been is not known, as is so already when the acquisition connects, and when it begins a session.
+    /// Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN until the readings span three time constants.
     Result<void> forget_lag() { return detail::done(isotherm_forget_lag(handle_.get())); }
+
+    /// Tells that the IMU is soaked: its temperatures have been those of the next readings for three time constants.
+    Result<void> soaked() { return detail::done(isotherm_soaked(handle_.get())); }
 
     /// Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way warm. Call it while you
     /// wait for the end of a control period, some tens of microseconds before it.
     Result<void> prepare() { return detail::done(isotherm_prepare(handle_.get())); }
 
-    /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent.
+    /// Loans a sample to fill in. `session` and `sequence` are set already: one above the highest that was loaned or sent. Every temperature is
+    /// NaN until you set it.
     [[nodiscard]] Result<Sample> loan()
     {
         RawSample *raw = nullptr;
@@ -385,8 +399,8 @@ public:
     {
         Answer answer;
         const auto code = sent(sample, isotherm_compensate(handle_.get(), sample.raw_, detail::count(timeout), &answer.increment_));
-        return detail::result<Answer>(code, [&](isotherm_code code) {
-            answer.code_ = code;
+        return detail::result<Answer>(code, [&](isotherm_code sent_code) {
+            answer.code_ = sent_code;
             return answer;
         });
     }
@@ -409,7 +423,8 @@ public:
     }
     /// The session of all samples; a new random number for each connection.
     std::uint64_t session() const noexcept { return isotherm_session(handle_.get()); }
-    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is restored or forgotten after this. Throws if samples are unanswered.
+    /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then, unless the lag is
+    /// restored, or the IMU said to be soaked, after this. Throws if samples are unanswered.
     Result<void> begin_session() { return detail::done(isotherm_begin_session(handle_.get())); }
 
 private:

@@ -125,8 +125,8 @@ impl Acquisition {
         self.state.session()
     }
 
-    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
-    /// [restored](LagAccess::restore) or [forgotten](LagAccess::forget) after this.
+    /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
+    /// unless the lag is [restored](LagAccess::restore), or the IMU said to be [soaked](LagAccess::soaked), after this.
     ///
     /// # Errors
     /// If samples are unanswered, or [kept](Self::keep).
@@ -175,8 +175,8 @@ impl Acquisition {
         self.lag.fill(sample);
     }
 
-    /// Loans a sample in shared memory, to be filled in. It is loaned already after a send or
-    /// [`prepare`](Self::prepare), so this call is cheap.
+    /// Loans a sample in shared memory, to be filled in: [`RawSample::default`] with its session and sequence, so every
+    /// temperature is NaN. It is loaned already after a send or [`prepare`](Self::prepare), so this call is cheap.
     ///
     /// Its sequence is one above the highest that was loaned or sent in the session. So a loan that is dropped leaves
     /// its sequence out, and the service flags the gap; [`cancel`](Self::cancel) gives back one that stands for no

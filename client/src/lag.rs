@@ -6,7 +6,7 @@ use crate::connect::Options;
 use crate::lag_option::LagOption;
 use crate::status::fetch_status;
 use core::str::FromStr;
-use isotherm_shared::lag::{Lag, SENSORS};
+use isotherm_shared::lag::{Lag, ReadingLimits, SENSORS};
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::time_constant::TimeConstant;
@@ -83,7 +83,8 @@ impl AcquisitionLag {
             LagOption::Fixed(time_constant) => time_constant.ns(),
             LagOption::Service | LagOption::None => 0,
         };
-        let lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
+        let mut lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
+        (0..SENSORS).for_each(|sensor| lag.forget(sensor));
         Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, retry_ns: 0 }
     }
 
@@ -103,6 +104,9 @@ impl AcquisitionLag {
         let in_force = status.imus.iter().find(|known| known.id == imu.as_str());
         self.settled = in_force.map_or(0, ImuStatus::table_id);
         self.flagged = self.settled;
+        if let Some(imu) = in_force {
+            self.lag.limits = ReadingLimits::of_status(imu);
+        }
         // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
         if let Some(Ok(time_constant)) = in_force.and_then(|imu| imu.lag_s).map(TimeConstant::from_seconds) {
             self.lag.lag_ns = time_constant.ns();
@@ -132,11 +136,11 @@ impl AcquisitionLag {
         is_due
     }
 
-    pub(crate) fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {
+    pub(crate) fn read(&mut self, sensor: usize, temperature: f64, time_ns: u64) {
         if self.option != LagOption::None {
-            self.fed |= 1 << sensor as u8;
-            self.check_clock(sensor as usize, time_ns);
-            self.lag.read(sensor as usize, temperature, time_ns);
+            self.fed |= 1 << sensor;
+            self.check_clock(sensor, time_ns);
+            self.lag.read(sensor, temperature, time_ns);
         }
     }
 
@@ -160,8 +164,13 @@ impl AcquisitionLag {
         }
     }
 
-    /// A new session is soaked at its first temperature.
-    pub(crate) const fn reset(&mut self) {
+    /// What the temperatures of a new session have been is not known.
+    pub(crate) fn reset(&mut self) {
+        self.restore(&Lag::default());
+    }
+
+    /// Each sensor is soaked at its next temperature.
+    pub(crate) const fn soak(&mut self) {
         self.lag.reset();
         self.restored = 0;
     }
@@ -194,24 +203,19 @@ impl AcquisitionLag {
     pub(crate) fn fill(&self, raw: &mut RawSample) {
         if raw.lag_ns == 0 && self.lag.lag_ns != 0 && self.fed != 0 {
             self.lag.fill(raw);
-            if !(0..SENSORS).all(|sensor| self.knows(sensor)) {
-                self.mark_unknown(raw);
+            if self.fed != ALL {
+                self.mark_unfed(raw);
             }
         }
     }
 
-    /// Whether the lagged temperature of a sensor is known: it has been fed, since it was soaked or for long enough.
-    fn knows(&self, sensor: usize) -> bool {
-        self.fed & 1 << sensor != 0 && self.lag.is_known(sensor)
-    }
-
-    /// Lagged temperature that is unknown is not equal to the temperature. So the increments of the sensor will be
-    /// flagged, except for gyroscopes that the IMU does not have.
-    fn mark_unknown(&self, raw: &mut RawSample) {
+    /// The lagged temperature of a sensor that was never fed is not known, except for gyroscopes that the IMU does not
+    /// have.
+    fn mark_unfed(&self, raw: &mut RawSample) {
         for (triad, first) in [(&mut raw.accelerometers, 0), (&mut raw.gyroscopes, AXES)] {
             if first == 0 || !triad.is_absent() {
                 for (axis, lagged) in triad.head_lagged.iter_mut().enumerate() {
-                    if !self.knows(first + axis) {
+                    if self.fed & 1 << (first + axis) == 0 {
                         *lagged = f64::NAN;
                     }
                 }
@@ -237,6 +241,12 @@ mod tests {
         AcquisitionLag::new(LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap()))
     }
 
+    fn soaked() -> AcquisitionLag {
+        let mut lag = fixed();
+        lag.soak();
+        lag
+    }
+
     fn filled(lag: &AcquisitionLag, sample: RawSample) -> RawSample {
         let mut filled = sample;
         lag.fill(&mut filled);
@@ -253,10 +263,10 @@ mod tests {
 
     #[test]
     fn samples_carry_the_lag_of_the_readings() {
-        let mut lag = fixed();
+        let mut lag = soaked();
         for (sensor, _) in Sensor::NAMES {
-            lag.read(sensor, 2.0, 1_000_000_000);
-            lag.read(sensor, TEMPERATURE, 2_000_000_000);
+            lag.read(sensor as usize, 2.0, 1_000_000_000);
+            lag.read(sensor as usize, TEMPERATURE, 2_000_000_000);
         }
         let sent = filled(&lag, sample(TEMPERATURE));
         assert_eq!(sent.lag_ns, 10_000_000_000);
@@ -269,39 +279,46 @@ mod tests {
 
     #[test]
     fn what_the_application_fills_in_stays() {
-        let mut lag = fixed();
-        lag.read(Sensor::A1, TEMPERATURE, 1);
+        let mut lag = soaked();
+        lag.read(Sensor::A1 as usize, TEMPERATURE, 1);
         let own = RawSample { lag_ns: 7, ..sample(0.0) };
         assert_eq!(filled(&lag, own), own);
         let mut none = AcquisitionLag::new(LagOption::None);
-        none.read(Sensor::A1, TEMPERATURE, 1);
+        none.read(Sensor::A1 as usize, TEMPERATURE, 1);
         assert_eq!(filled(&none, sample(0.0)), sample(0.0));
     }
 
     #[test]
     fn a_sensor_that_is_not_fed_is_unknown() {
-        let mut lag = fixed();
+        let mut lag = soaked();
         assert_eq!(filled(&lag, sample(TEMPERATURE)), sample(TEMPERATURE), "no reading: no lag");
         for sensor in [Sensor::A1, Sensor::A2, Sensor::A3] {
-            lag.read(sensor, TEMPERATURE, 1);
+            lag.read(sensor as usize, TEMPERATURE, 1);
         }
         let known = |triad: Triad| triad.head_lagged.map(f64::is_finite);
         let sent = filled(&lag, sample(TEMPERATURE));
         assert_eq!((known(sent.accelerometers), known(sent.gyroscopes)), ([true; 3], [false; 3]));
         assert!(filled(&lag, sample(0.0)).gyroscopes.is_absent(), "an IMU without gyroscopes sends none");
-        lag.read(Sensor::G2, TEMPERATURE, 1);
+        lag.read(Sensor::G2 as usize, TEMPERATURE, 1);
         assert_eq!(known(filled(&lag, sample(TEMPERATURE)).gyroscopes), [false, true, false]);
     }
 
     #[test]
-    fn a_new_session_is_soaked_and_a_kept_state_goes_on() {
-        let mut lag = fixed();
+    fn a_new_session_is_unknown_unless_it_is_soaked_and_a_kept_state_goes_on() {
+        let mut lag = soaked();
         lag.follow(&RawSample { timestamp_ns: 1, ..sample(1.0) });
         lag.follow(&RawSample { timestamp_ns: 1_000_000_001, ..sample(1.5) });
         let (kept, now) = (*lag.state(), sample(1.5));
         let sent = filled(&lag, now);
         assert!(sent.gyroscopes.head_lagged[2] < 1.1);
-        lag.reset();
+        for is_soaked in [false, true] {
+            lag.reset();
+            if is_soaked {
+                lag.soak();
+            }
+            lag.follow(&RawSample { timestamp_ns: 2_000_000_001, ..now });
+            assert_eq!(known(&lag, now), [is_soaked; SENSORS]);
+        }
         assert_eq!(filled(&lag, now).gyroscopes.head_lagged, [1.5; 3]);
         let mut next = fixed();
         next.restore(&kept);
@@ -319,7 +336,6 @@ mod tests {
     #[test]
     fn without_a_state_nothing_is_known_until_three_time_constants_have_passed() {
         let mut lag = fixed();
-        lag.restore(&Lag::default());
         assert_eq!(filled(&lag, sample(TEMPERATURE)), sample(TEMPERATURE), "no reading: no lag");
         for second in 0..40 {
             lag.follow(&RawSample { telemetry_ns: 1 + second * 1_000_000_000, ..sample(TEMPERATURE) });
@@ -333,14 +349,14 @@ mod tests {
         lag.restore(&Lag::default());
         lag.follow(&RawSample { telemetry_ns: 1, ..sample(0.0) });
         assert_eq!(filled(&lag, sample(0.0)).gyroscopes, Triad::default());
-        lag.reset();
+        lag.soak();
         lag.follow(&RawSample { telemetry_ns: 1, ..sample(TEMPERATURE) });
-        assert_eq!(known(&lag, sample(TEMPERATURE)), [true; SENSORS], "a new session is soaked");
+        assert_eq!(known(&lag, sample(TEMPERATURE)), [true; SENSORS], "the application says that it is soaked");
     }
 
     #[test]
     fn readings_of_another_start_of_the_machine_are_unknown() {
-        let mut lag = fixed();
+        let mut lag = soaked();
         let (kept, own) = (sample(TEMPERATURE), *lag.state());
         assert_eq!(own.boot, boot());
         lag.follow(&RawSample { telemetry_ns: 1, ..kept });
@@ -367,13 +383,13 @@ mod tests {
         let right = [true, false, false, false, false, false];
         let mut lag = fixed();
         lag.restore(&kept);
-        Sensor::NAMES.iter().for_each(|(sensor, _)| lag.read(*sensor, TEMPERATURE, 10));
+        Sensor::NAMES.iter().for_each(|(sensor, _)| lag.read(*sensor as usize, TEMPERATURE, 10));
         assert_eq!(known(&lag, sample(TEMPERATURE)), right);
         lag.restore(&kept);
         lag.follow(&RawSample { timestamp_ns: 10, ..sample(TEMPERATURE) });
         assert_eq!(known(&lag, sample(TEMPERATURE)), right);
         // Later the clock is the acquisition's own: a reading of an earlier time keeps L.
-        lag.read(Sensor::A1, TEMPERATURE, 7);
+        lag.read(Sensor::A1 as usize, TEMPERATURE, 7);
         assert_eq!(known(&lag, sample(TEMPERATURE)), right);
     }
 }

@@ -76,6 +76,7 @@ mod closing;
 mod connect;
 mod error;
 mod folder;
+mod heartbeat;
 mod helper;
 mod kept;
 mod lag;

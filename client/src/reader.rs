@@ -4,10 +4,11 @@ use crate::arrival::ArrivalEvent;
 use crate::clock::monotonic_ns;
 use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
 use crate::error::ConnectError;
+use crate::heartbeat::SharedStatus;
 use crate::loss::{Loss, removed_object, taken_connection};
 use crate::objects::refuse_foreign;
 use crate::resources::reserve;
-use crate::status::{StatusError, StatusReader};
+use crate::status::StatusError;
 use crate::transport::nodes;
 use crate::transport::ports::{Incoming, Payload, Subscriber, copied};
 use crate::transport::stream::IpcNode;
@@ -20,6 +21,7 @@ use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use rustix::event::epoll;
 use rustix::time::{ClockId, clock_gettime};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -74,6 +76,7 @@ pub struct Reader<T: Payload> {
     /// The order of what was returned, and the place of the last one in it.
     order: SequenceTracker,
     last: Option<protocol::Arrival>,
+    times: PublicationTimes,
     next_attempt: Instant,
     /// When the event is looked for again.
     next_event_attempt: Instant,
@@ -86,7 +89,8 @@ pub struct Reader<T: Payload> {
     /// For a caller that polls the event by itself. It stays the same when the reader joins the stream again.
     descriptor: Option<OwnedFd>,
     // The ports must be dropped before their node; fields are dropped in this order.
-    status: Option<StatusReader>,
+    /// That of all readers of the process.
+    status: Option<Arc<SharedStatus>>,
     arrival: Option<ArrivalEvent>,
     subscriber: Option<Subscriber<T>>,
     node: Option<IpcNode>,
@@ -116,6 +120,7 @@ impl<T: Payload> Reader<T> {
             state: ReaderState::new(),
             order: SequenceTracker::default(),
             last: None,
+            times: PublicationTimes::default(),
             next_attempt: Instant::now(),
             next_event_attempt: Instant::now(),
             heartbeat_ns: None,
@@ -161,7 +166,9 @@ impl<T: Payload> Reader<T> {
     /// The control periods that are missing right before the sample or increment that was returned last: holes in
     /// `sequence`, also those of a reader that was too slow, and the time between two sessions of the same clock.
     /// `None` if that is unknown: where time steps, between sessions whose timestamps are of different clocks, are 0,
-    /// or do not agree with the reader's clock to within 0.25 s, and before the first that this reader returns.
+    /// or do not agree with the reader's clock to within 0.25 s, and before the first that this reader returns. A
+    /// reader may read as seldom as its queue allows: what it reads at once is placed by the timestamps, within the
+    /// time in which it can have come.
     ///
     /// Where samples are sent again, later ones may come before them. What is not there then counts as missing, and
     /// comes behind, with nothing missing before it.
@@ -212,13 +219,16 @@ impl<T: Payload> Reader<T> {
             let sample =
                 T::receive(subscriber).map_err(|error| ConnectError::transport("reading the stream", error))?;
             let Some(received) = sample.map(taken) else {
-                self.look_for_loss();
+                let now = coarse_ns();
+                self.times.drained(now);
+                self.look_for_loss(now);
                 return Ok(None);
             };
             self.has_received = true;
             let period = received.period();
+            let at_ns = self.times.of(period.timestamp_ns, coarse_ns());
             if self.state.first_time(period.session, period.sequence) {
-                self.last = Some(self.order.note(Seen { period, at_ns: coarse_ns() }));
+                self.last = Some(self.order.note(Seen { period, at_ns }));
                 return Ok(Some(received));
             }
         }
@@ -276,8 +286,7 @@ impl<T: Payload> Reader<T> {
 
     /// While nothing comes: looks whether the reader was cut off from the stream, and leaves it then. The next call
     /// joins it again.
-    fn look_for_loss(&mut self) {
-        let now = coarse_ns();
+    fn look_for_loss(&mut self, now: u64) {
         if now < self.next_look_ns {
             return;
         }
@@ -290,7 +299,10 @@ impl<T: Payload> Reader<T> {
         let removed = removed_object(&self.domain).map(Loss::Removed);
         let Some(loss) = removed.or_else(|| taken_connection(&self.domain, &ports).map(Loss::Taken)) else { return };
         warn(&self.imu, format_args!("a reader is cut off from the service: {loss}; joining the stream again"));
-        (self.status, self.arrival, self.subscriber) = (None, None, None);
+        if let Some(status) = self.status.take() {
+            status.lose();
+        }
+        (self.arrival, self.subscriber) = (None, None);
         if matches!(loss, Loss::Removed(_)) {
             self.node = None;
         }
@@ -300,8 +312,8 @@ impl<T: Payload> Reader<T> {
     /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is
     /// on time. `None` if no service was seen yet.
     ///
-    /// The first call of a reader may return up to 1 s more; from then on the service publishes its status ten times a
-    /// second.
+    /// The first call of a process may return up to 1 s more; from then on the service publishes its status ten times a
+    /// second. All readers of the process share one place of the status.
     ///
     /// # Errors
     /// If the status cannot be read, as when all its places are taken or it is of another version.
@@ -309,11 +321,13 @@ impl<T: Payload> Reader<T> {
         if !self.is_connected() {
             self.try_attach()?;
         }
-        let Some(node) = &self.node else { return Ok(None) };
+        if self.node.is_none() {
+            return Ok(None);
+        }
         let unread = |error: StatusError| error.connecting(&self.domain);
         let status = match &self.status {
             Some(status) => status,
-            None => match StatusReader::with(node, &self.domain).map_err(unread) {
+            None => match SharedStatus::of(&self.domain).map_err(unread) {
                 Ok(status) => {
                     reserve(&self.domain)?;
                     self.status.insert(status)
@@ -322,12 +336,7 @@ impl<T: Payload> Reader<T> {
                 Err(error) => return Err(error),
             },
         };
-        if let Some(status) = status.latest().map_err(unread)? {
-            let serves = |imus: &[String]| imus.iter().any(|imu| *imu == self.imu.as_str());
-            let worker = status.workers.iter().find(|worker| serves(&worker.imus));
-            let beat = worker.map(|worker| worker.heartbeat_ns).filter(|ns| *ns != 0);
-            self.heartbeat_ns = beat.or(self.heartbeat_ns);
-        }
+        self.heartbeat_ns = status.heartbeat_ns(&self.imu).map_err(unread)?.or(self.heartbeat_ns);
         Ok(self.heartbeat_ns.map(|beat| Duration::from_nanos(monotonic_ns().saturating_sub(beat))))
     }
 
@@ -366,6 +375,40 @@ impl<T: Payload> Reader<T> {
         reserve(&self.domain)?;
         self.subscriber = Some(subscriber);
         Ok(())
+    }
+}
+
+/// When samples were published, as far as is known: a reader that reads seldom finds many at once, at a time that says
+/// little about each of them.
+///
+/// A sample was published after the queue was found empty, and before it is read. In between it was when its timestamp
+/// says, if the acquisition's clock goes on as it did: the last sample before an empty queue has shown how far it is
+/// from this machine's. One of another clock is nearly always out of these bounds.
+#[derive(Clone, Copy, Debug, Default)]
+struct PublicationTimes {
+    /// When the queue was last found empty \[ns\].
+    empty_ns: u64,
+    /// How far the clock of this machine is ahead of the timestamps \[ns\], as a difference that wraps; `None` before
+    /// it was measured.
+    ahead_ns: Option<u64>,
+    /// The same of the last sample; `None` without one since the queue was empty, or without a timestamp.
+    newest_ns: Option<u64>,
+}
+
+impl PublicationTimes {
+    /// When a sample with this timestamp was published that is read now.
+    fn of(&mut self, timestamp_ns: u64, now: u64) -> u64 {
+        self.newest_ns = (timestamp_ns != 0).then(|| now.wrapping_sub(timestamp_ns));
+        match self.ahead_ns.filter(|_| timestamp_ns != 0) {
+            Some(ahead_ns) => timestamp_ns.wrapping_add(ahead_ns).clamp(self.empty_ns.min(now), now),
+            None => now,
+        }
+    }
+
+    /// The queue is empty.
+    fn drained(&mut self, now: u64) {
+        self.empty_ns = now;
+        self.ahead_ns = self.newest_ns.take().or(self.ahead_ns);
     }
 }
 
@@ -413,5 +456,53 @@ impl Reader<CompensatedIncrement> {
         };
         let descriptor: &OwnedFd = self.descriptor.insert(descriptor);
         Ok(descriptor.as_fd())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_shared::sequence::Period;
+
+    const MS: u64 = 1_000_000;
+
+    /// A logger that reads every 0.5 s, of sessions of 1 kHz. The second one begins 0.3 s after the end of the first,
+    /// by a clock that goes on, has been set by some seconds, or begins anew.
+    #[test]
+    fn a_reader_that_reads_seldom_counts_the_periods_between_sessions() {
+        for (shift_ns, lost) in [(0, Some(300)), (3_000 * MS, None), (u64::MAX - 1_000_000 * MS, None)] {
+            let published = (0..2_600).chain(2_900..6_000).map(|ms| {
+                let (session, shift_ns) = if ms < 2_600 { (1, 0) } else { (2, shift_ns) };
+                let timestamp_ns = (1_000_000 + ms) * MS;
+                let timestamp_ns = timestamp_ns.wrapping_add(shift_ns);
+                (ms * MS + 50 * MS, Period { session, sequence: ms, timestamp_ns, interval_ns: MS })
+            });
+            for pause_ms in [1, 100, 500] {
+                let (mut times, mut order) = (PublicationTimes::default(), SequenceTracker::default());
+                let (mut queue, mut found) = (published.clone().peekable(), None);
+                for now in (0..7_000).step_by(pause_ms).map(|ms| ms * MS) {
+                    while let Some((_, period)) = queue.next_if(|(published, _)| *published <= now) {
+                        let at_ns = times.of(period.timestamp_ns, now);
+                        let arrival = order.note(Seen { period, at_ns });
+                        if arrival.begins && period.session == 2 {
+                            found = Some(arrival.lost());
+                        }
+                    }
+                    times.drained(now);
+                }
+                assert_eq!(found, Some(lost), "{shift_ns} ns, read every {pause_ms} ms");
+            }
+        }
+    }
+
+    #[test]
+    fn without_timestamps_and_before_a_measurement_the_time_is_that_of_reading() {
+        let mut times = PublicationTimes::default();
+        assert_eq!([times.of(5, 100), times.of(6, 100)], [100; 2]);
+        times.drained(100);
+        assert_eq!([times.of(7, 150), times.of(40, 150), times.of(u64::MAX, 150)], [101, 134, 100]);
+        assert_eq!(times.of(0, 170), 170);
+        times.drained(200);
+        assert_eq!(times.of(10, 300), 200, "the last sample had no timestamp, and the clock of before goes on");
     }
 }

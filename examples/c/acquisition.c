@@ -79,10 +79,10 @@ static isotherm_code restore(isotherm_acquisition *acquisition)
 {
     saved_lag saved;
     if (state == NULL)
-        return ISOTHERM_OK;
+        return isotherm_soaked(acquisition);
     FILE *file = fopen(state, "rb");
     if (file == NULL && errno == ENOENT && !unknown)
-        return ISOTHERM_OK;
+        return isotherm_soaked(acquisition);
     int complete = file != NULL && fread(&saved, sizeof saved, 1, file) == 1;
     if (file != NULL)
         fclose(file);

@@ -62,6 +62,7 @@ try {
     if (const char *serial = std::getenv("SERIAL"))
         options.serial = serial;
     isotherm::Acquisition acquisition(words[1], options);
+    acquisition.soaked();  // the recording begins soaked; of a device that is not, leave it out
     std::array<double, ISOTHERM_SENSORS> last;
     last.fill(std::numeric_limits<double>::quiet_NaN());
     std::printf("sequence,a1_dv,a2_dv,a3_dv,%stable,flags\n", sensors > 3 ? "g1_da,g2_da,g3_da," : "");

@@ -42,6 +42,7 @@ def restore(acquisition: isotherm.Acquisition, state: Path | None, unknown: bool
     Without one the IMU is taken to be soaked, if nothing else is said.
     """
     if state is None or (not state.exists() and not unknown):
+        acquisition.soaked()
         return
     try:
         acquisition.restore_lag(json.loads(state.read_text()))

@@ -61,12 +61,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Goes on with the lag that a predecessor of this process has kept.
 fn begin(acquisition: &mut Acquisition, state: Option<&Path>, unknown: bool) {
-    let Some(state) = state else { return };
+    let Some(state) = state else { return acquisition.lag().soaked() };
     let text = fs::read_to_string(state);
     match text.as_deref().map(serde_json::from_str) {
         Ok(Ok(lag)) => acquisition.lag().restore(&lag),
         // The first start: the IMU is soaked, if nothing else is said.
-        Err(error) if error.kind() == ErrorKind::NotFound && !unknown => {}
+        Err(error) if error.kind() == ErrorKind::NotFound && !unknown => acquisition.lag().soaked(),
         other => {
             eprintln!(
                 "{}: no state of the lag; flagged lag-unknown for three time constants: {other:?}",

@@ -214,8 +214,8 @@ impl Acquisition {
         self.close(py).map(drop)
     }
 
-    /// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
-    /// restored or forgotten after this.
+    /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
+    /// unless the lag is restored, or the IMU said to be soaked, after this.
     ///
     /// Raises IsothermError if samples are unanswered or kept.
     fn begin_session(&self) -> PyResult<()> {
@@ -231,6 +231,13 @@ impl Acquisition {
     fn reading(&self, name: &str, temperature: f64, time_ns: u64) -> PyResult<()> {
         let sensor = sensor(name)?;
         self.owned.hold()?.open()?.client.lag().read(sensor, temperature, time_ns);
+        Ok(())
+    }
+
+    /// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer: as
+    /// `reading` once for each of the six.
+    fn reading_of_all(&self, temperature: f64, time_ns: u64) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.lag().reading_of_all(temperature, time_ns);
         Ok(())
     }
 
@@ -256,13 +263,23 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
-    /// restart without a kept state.
+    /// Informs the library that what the temperatures have been is not known, as is so already when the acquisition
+    /// connects, and when it begins a session.
     ///
     /// Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
     /// constants.
     fn forget_lag(&self) -> PyResult<()> {
         self.owned.hold()?.open()?.client.lag().forget();
+        Ok(())
+    }
+
+    /// Informs the library that the IMU is soaked: its temperatures have been those of the next readings for three time
+    /// constants.
+    ///
+    /// Only what has just been powered, or has stood long enough, is. If it is not, the lagged temperature is wrong by
+    /// the difference, which decays with the time constant, and no flag shows it.
+    fn soaked(&self) -> PyResult<()> {
+        self.owned.hold()?.open()?.client.lag().soaked();
         Ok(())
     }
 
@@ -276,7 +293,8 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
+    /// Loans a sample in shared memory, to be filled in; session and sequence are set already, and every temperature is
+    /// NaN. At most 4 at once.
     ///
     /// It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
     /// sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.

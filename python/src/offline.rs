@@ -16,7 +16,7 @@ use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html as report_html};
 
 use isotherm_shared::compensate::answer;
-use isotherm_shared::lag::LagCompletion;
+use isotherm_shared::lag::{LagCompletion, ReadingLimits};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
@@ -81,6 +81,7 @@ pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterato
     let all = || samples.chunks_exact(RAW).map(|record| Fields(record).raw());
     let has_lag = table.lag_ns() == 0 || all().any(|sample| sample.lag_ns != 0);
     let mut lag = LagCompletion::new(table.lag_ns());
+    lag.set_limits(Some(ReadingLimits::of(table)));
     all().map(move |mut sample| {
         lag.complete(&mut sample, has_lag);
         sample

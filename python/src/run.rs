@@ -143,6 +143,8 @@ impl<'a> Run<'a> {
         let other = self.session.is_some_and(|session| session != sample.session);
         if other || (self.session.is_none() && self.begin_session) {
             acquisition.begin_session().map_err(|error| error.to_string())?;
+            // As in a recording.
+            acquisition.lag().soaked();
         }
         (self.session, self.drained) = (Some(sample.session), true);
         if waiting == 0 {

@@ -134,6 +134,7 @@ def test_a_whole_imu_equals_the_replay(domain: DomainUnderTest, whole_table: iso
         assert same(acquisition.run(soaked, timeout=TIMEOUT), isotherm.replay(whole_table, soaked))
         # One by one, with readings as they come.
         acquisition.begin_session()
+        acquisition.soaked()
         for index, sample in enumerate(whole):
             if index % 20 == 0:
                 for name, head in zip(SENSORS, heads(sample), strict=True):
@@ -198,6 +199,17 @@ def test_the_lag_and_its_state(domain: DomainUnderTest, whole: isotherm.Records)
                 acquisition.restore_lag(kept)  # type: ignore[arg-type]
         assert acquisition.lag_state() == state
         assert isotherm.Flags.LAG_UNKNOWN & acquisition.compensate(whole[0], TIMEOUT).flags
+    # One reading of all sensors. A loan has no temperature until it is filled in.
+    with isotherm.Acquisition("imu-g", timeout=TIMEOUT) as acquisition:
+        acquisition.soaked()
+        acquisition.reading_of_all(2.5, 1_000_000_000)
+        assert [reading and reading[:3] for reading in acquisition.lag_state()] == [(1_000_000_000, 2.5, 2.5)] * 6
+        loan = acquisition.loan()
+        loan.interval_ns = 50_000_000
+        for triad in (loan.accelerometers, loan.gyroscopes):
+            assert np.isnan([triad.head_temperature, triad.board_temperature]).all()
+        increment = acquisition.compensate(loan, TIMEOUT)
+        assert np.isnan(increment.velocity_increment).all() and "a1-not-finite" in isotherm.flag_names(increment.flags)
     assert isotherm.device("SN 42") == 0x46A7426EF29CC83B and isotherm.device(" ") == 0
 
 
@@ -218,6 +230,7 @@ def test_a_reload_with_another_time_constant(domain: DomainUnderTest, whole: iso
             flags.append(bool(increment.flags & isotherm.Flags.LAG_UNKNOWN))
             return increment.table == isotherm.Table.parse(text).id and not flags[-1]
 
+        acquisition.soaked()
         assert not send() and not flags[-1]
         staged = domain.folder / "staged.toml"
         staged.write_text(text)
@@ -234,8 +247,8 @@ with isotherm.Acquisition("imu-g", timeout=20.0) as acquisition:
     if start == "state":
         with open("lag.json") as file:
             acquisition.restore_lag(json.load(file))
-    elif start == "unknown":
-        acquisition.forget_lag()
+    elif start == "soaked":
+        acquisition.soaked()
     for sample in samples[begin:end]:
         if sample["sequence"] % 20 == 0:
             heads = [head for triad in ("accelerometers", "gyroscopes") for head in sample[triad]["head_temperature"]]
@@ -272,7 +285,7 @@ def test_a_killed_process_hands_its_lag_over(domain: DomainUnderTest, whole_tabl
 
 
 def test_a_killed_process_that_hands_nothing_over(domain: DomainUnderTest, whole: isotherm.Records) -> None:
-    """It is flagged for three time constants, or begins soaked, as requested."""
+    """It is flagged for three time constants, unless it says that the IMU is soaked."""
     text = WHOLE_TABLE.read_text().replace("time_constant_s = 240.0", "time_constant_s = 1.0")
     table = domain.folder / "imu-g.toml"
     table.write_text(text)
@@ -298,6 +311,7 @@ def test_a_killed_process_that_hands_nothing_over(domain: DomainUnderTest, whole
 def test_a_killed_service_changes_no_lag(domain: DomainUnderTest, whole_table: isotherm.Table, whole: isotherm.Records) -> None:
     service = domain.serve_whole()
     with isotherm.Acquisition("imu-g", timeout=TIMEOUT) as acquisition:
+        acquisition.soaked()
         got = []
         for index, sample in enumerate(whole):
             if index % 20 == 0:

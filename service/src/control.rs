@@ -20,8 +20,8 @@ use crate::systemd::{ServiceManager, has_supervisor};
 use crate::threads::{self, HeartbeatChange, WorkerThread};
 use crate::worker::Worker;
 use crate::worker::counters::CounterReader;
-use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::IpcNode;
+use isotherm_client::transport::{nodes, ports};
 use isotherm_client::{UnixClock, clock_offset_ns, monotonic_ns, pid_namespace, process_kb, removed_object, unix_s};
 use isotherm_shared::names::Domain;
 use isotherm_shared::status::ServiceStatus;
@@ -84,6 +84,8 @@ struct LogState {
     held_back: Vec<bool>,
     /// Whether the last status could not be published.
     unpublished: bool,
+    /// Whether a reader could not be connected in the last second.
+    unconnected: bool,
     /// Folders of tables whose disk does not answer.
     silent_folders: Vec<PathBuf>,
     /// When it was logged last that the file of the configuration is not in use.
@@ -250,6 +252,7 @@ impl<'a> Service<'a> {
     /// Removes what dead peers have left, logs losses, and measures the workers.
     fn keep_house(&mut self) {
         nodes::clean(&self.node);
+        self.connect_readers();
         let ports: Vec<_> = self.imus.iter().flat_map(ImuState::ports).collect();
         self.leftovers.sweep(&self.node, &ports);
         for imu in &mut self.imus {
@@ -282,6 +285,22 @@ impl<'a> Service<'a> {
             }
         }
         self.manager.status(&summary(&self.imus));
+    }
+
+    /// A reader that could not be connected, since the service had no descriptors or memory left, gets another attempt
+    /// with the next increment, once a second until there is room.
+    fn connect_readers(&mut self) {
+        let failed = ports::take_unconnected();
+        if failed && !self.logged.unconnected {
+            error!(
+                "a reader of increments could not be connected and receives nothing; is the limit on descriptors \
+                 (LimitNOFILE) reached, or shared memory full? It is connected as soon as there is room"
+            );
+        }
+        if failed || self.logged.unconnected {
+            let refused = self.imus.iter().filter(|imu| ports::reconnect(&imu.increments).is_err()).count();
+            self.logged.unconnected = failed || refused > 0;
+        }
     }
 
     /// Logs once a minute that the configuration in use is not that of its file.

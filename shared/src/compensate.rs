@@ -180,13 +180,17 @@ fn triad(content: &Content, axes: &[Axis; AXES], triad: &Triad, period: &Period)
             OutOfRange::Clamp => polynomial.clamp(temperature),
             OutOfRange::Extrapolate | OutOfRange::Reject => temperature,
         };
+        let k_plus = axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board));
+        let k_minus = axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board));
+        // A polynomial may cross zero beyond its range. With a scale factor of the wrong sign an increment would look
+        // like one.
+        let extrapolated = outside != Flags::default() && content.out_of_range == OutOfRange::Extrapolate;
+        if extrapolated && !(k_plus.0 > 0.0 && k_minus.0 < 0.0) {
+            continue;
+        }
         let bias = axis.bias.at(used(&axis.bias, head)) + transient;
-        *indicated = input(
-            (positive, axis.positive_scale_factor_at(used(&axis.positive_scale_factor, board))),
-            (negative, axis.negative_scale_factor_at(used(&axis.negative_scale_factor, board))),
-            Bias(bias * axis.bias_unit.factor()),
-            period.ts,
-        );
+        let bias = Bias(bias * axis.bias_unit.factor());
+        *indicated = input((positive, k_plus), (negative, k_minus), bias, period.ts);
     }
     (indicated, flags)
 }

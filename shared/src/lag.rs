@@ -18,15 +18,78 @@
 //!
 //! A reading is a new measurement. A value that is only repeated from sample to sample is none: the temperature would
 //! be taken to rise in one sample what it rose since the last measurement.
+//!
+//! A value that no thermometer gives ([`ReadingLimits`]) is no reading either: L goes on as if the temperature had
+//! stayed, and the time of it counts as unknown, so that L is unknown until a reading comes again and the share of that
+//! time has decayed.
 
+use crate::status::{ImuStatus, Ranges};
+use crate::table::CoefficientTable;
+use crate::units::CELSIUS;
 use crate::wire::{AXES, RawSample};
 use serde::{Deserialize, Serialize};
 
 /// L is known where an unknown start has at most this share in it. That is so after three time constants.
 pub const KNOWN_SHARE: f64 = 0.05;
 
+/// Where so much of L is unknown a value outside the step's limit begins a new history, since it costs nothing: a
+/// thermometer that was wrong at first, or was replaced, is believed in the end.
+const LOST_SHARE: f64 = 0.5;
+
 /// Number of sensors: A1, A2, A3, G1, G2, G3, in this order.
 pub const SENSORS: usize = 2 * AXES;
+
+/// What the head temperature of an IMU can be, and how fast it can change, in the table's unit.
+///
+/// Both follow from the span, which is the width of the head's ranges in the table, and at least [`LEAST_SPAN_C`] where
+/// the unit is degrees Celsius. A value farther outside the ranges than a quarter of the span is no reading. Neither is
+/// one whose step since the last reading is over a sixteenth of the span and as much again for each second between
+/// them: for a span of 80 °C that is 5 °C, and 5 °C/s. Recordings have up to 0.5 °C in a step and 5 °C/s, and noise is
+/// a step of some tenths in a millisecond.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadingLimits {
+    low: f64,
+    high: f64,
+    /// The largest step, and what it may be larger for each second.
+    step: f64,
+}
+
+/// The least span of temperature in degrees Celsius.
+const LEAST_SPAN_C: f64 = 80.0;
+
+impl ReadingLimits {
+    /// The limits of a table's readings.
+    #[must_use]
+    pub fn of(table: &CoefficientTable) -> Self {
+        Self::new(&Ranges::of_accelerometers(table), Ranges::of_gyroscopes(table).as_ref())
+    }
+
+    /// The limits of the readings of the table in force; `None` without one.
+    #[must_use]
+    pub fn of_status(imu: &ImuStatus) -> Option<Self> {
+        let gyroscopes = imu.gyroscopes.as_ref().map(|gyroscopes| &gyroscopes.ranges);
+        imu.ranges.as_ref().map(|ranges| Self::new(ranges, gyroscopes))
+    }
+
+    fn new(accelerometers: &Ranges, gyroscopes: Option<&Ranges>) -> Self {
+        let ranges = || accelerometers.head.iter().chain(gyroscopes.iter().flat_map(|ranges| &ranges.head));
+        let low = ranges().map(|[low, _]| *low).fold(f64::INFINITY, f64::min);
+        let high = ranges().map(|[_, high]| *high).fold(f64::NEG_INFINITY, f64::max);
+        let least = if CELSIUS.contains(&accelerometers.unit.as_str()) { LEAST_SPAN_C } else { 0.0 };
+        let span = (high - low).max(least);
+        Self { low: low - span / 4.0, high: high + span / 4.0, step: span / 16.0 }
+    }
+
+    /// Whether a thermometer gives this value at all.
+    fn contain(&self, temperature: f64) -> bool {
+        (self.low..=self.high).contains(&temperature)
+    }
+
+    /// Whether a thermometer gives this value so long after the last reading \[ns\].
+    fn allow(&self, step: f64, dt: u64) -> bool {
+        step.abs() <= self.step * (1.0 + dt as f64 / 1e9)
+    }
+}
 
 /// The state of one sensor: its last reading, and L at that time.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
@@ -64,39 +127,53 @@ pub struct Lag {
     pub lag_ns: u64,
     /// The state of each sensor; `None` before its first reading.
     pub sensors: [Option<LaggedReading>; SENSORS],
-    /// The share of each sensor's L that rests on a start of which it is not known that the sensor was soaked: 0 where
-    /// it was, otherwise 1 at the first reading, and `exp(-dt / tau)` of that dt later. [`KNOWN_SHARE`] is small
-    /// enough.
+    /// The share of each sensor's L that is unknown. It rests on a start of which it is not known that the sensor was
+    /// soaked: 0 where it was, otherwise 1 at the first reading, and `exp(-dt / tau)` of that dt later. Time in which
+    /// the values were no readings adds to it. [`KNOWN_SHARE`] is small enough.
     pub unknown: [f64; SENSORS],
     /// Which start of the machine the times are of; 0 = unknown, or of a clock that goes on over a start.
     #[serde(default)]
     pub boot: u64,
+    /// Which values are readings; `None` = all that are finite. It is no part of a state that is saved.
+    #[serde(skip)]
+    pub limits: Option<ReadingLimits>,
+    /// Whether the last value of each sensor was outside these limits. It is no part of a state that is saved.
+    #[serde(skip)]
+    pub faulty: [bool; SENSORS],
 }
 
 impl Lag {
     /// A lag without readings.
     #[must_use]
     pub const fn new(lag_ns: u64) -> Self {
-        Self { lag_ns, sensors: [None; SENSORS], unknown: [0.0; SENSORS], boot: 0 }
+        Self {
+            lag_ns,
+            sensors: [None; SENSORS],
+            unknown: [0.0; SENSORS],
+            boot: 0,
+            limits: None,
+            faulty: [false; SENSORS],
+        }
     }
 
     /// Forgets all readings: each sensor is soaked at its next one.
     pub const fn reset(&mut self) {
-        *self = Self { boot: self.boot, ..Self::new(self.lag_ns) };
+        *self = Self { boot: self.boot, limits: self.limits, ..Self::new(self.lag_ns) };
     }
 
     /// Forgets the readings of a sensor, and that it was soaked: its L is unknown until its readings span three time
     /// constants.
     pub fn forget(&mut self, sensor: usize) {
         if let (Some(state), Some(unknown)) = (self.sensors.get_mut(sensor), self.unknown.get_mut(sensor)) {
-            (*state, *unknown) = (None, 1.0);
+            (*state, *unknown, self.faulty[sensor]) = (None, 1.0, false);
         }
     }
 
-    /// Whether the L of a sensor may be used: whether an unknown start has no more than [`KNOWN_SHARE`] in it.
+    /// Whether the L of a sensor may be used: what is unknown has no more than [`KNOWN_SHARE`] in it, and the last
+    /// value was a reading.
     #[must_use]
     pub fn is_known(&self, sensor: usize) -> bool {
-        self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE)
+        self.unknown.get(sensor).is_some_and(|share| *share <= KNOWN_SHARE && !self.faulty[sensor])
     }
 
     /// Takes a new reading of one of the [`SENSORS`]: the head temperature, and when it was measured on the
@@ -104,16 +181,31 @@ impl Lag {
     ///
     /// A reading that is not finite is none. Neither is one of the same time as the last, nor one of a sensor that does
     /// not exist. One of an earlier time is of a clock that was set back: L is kept, and the temperature goes on from
-    /// there.
+    /// there. One outside the [limits](Self::limits) shows only that time has passed, in which the temperature is
+    /// unknown.
     pub fn read(&mut self, sensor: usize, temperature: f64, time_ns: u64) {
         let Some(state) = self.sensors.get_mut(sensor) else { return };
         if !temperature.is_finite() || state.is_some_and(|last| last.time_ns == time_ns) {
             return;
         }
-        let passed = state.and_then(|last| time_ns.checked_sub(last.time_ns));
-        if let Some(dt) = passed.filter(|_| self.lag_ns > 0) {
-            self.unknown[sensor] *= libm::exp(-(dt as f64 / self.lag_ns as f64));
+        let unknown = &mut self.unknown[sensor];
+        let passed = state.and_then(|last| time_ns.checked_sub(last.time_ns)).filter(|_| self.lag_ns > 0);
+        let mut decay = passed.map_or(1.0, |dt| libm::exp(-(dt as f64 / self.lag_ns as f64)));
+        if let Some(limits) = self.limits.filter(|_| self.lag_ns > 0) {
+            let is_step = state.zip(passed).is_some_and(|(last, dt)| !limits.allow(temperature - last.temperature, dt));
+            let is_lost = *unknown >= LOST_SHARE;
+            if !limits.contain(temperature) || (is_step && !is_lost) {
+                *unknown = 1.0 - (1.0 - *unknown) * decay;
+                self.faulty[sensor] = true;
+                *state = state.map(|last| last.next(last.temperature, time_ns, self.lag_ns));
+                return;
+            }
+            if is_step {
+                (*state, *unknown, decay) = (None, 1.0, 1.0);
+            }
         }
+        *unknown *= decay;
+        self.faulty[sensor] = false;
         let soaked = LaggedReading { time_ns, temperature, lagged: temperature };
         *state = Some(state.map_or(soaked, |last| last.next(temperature, time_ns, self.lag_ns)));
     }
@@ -132,14 +224,20 @@ impl Lag {
     }
 
     /// Fills time constant and lagged temperature of a sample in. A sensor without a reading is soaked at the sample's
-    /// temperature.
+    /// temperature. L that is [not known](Self::is_known) becomes NaN, which is not equal to the temperature: the
+    /// increments of the sensor will be flagged. Gyroscopes that the IMU does not have get their own temperature, NaN.
     pub fn fill(&self, raw: &mut RawSample) {
+        let has_gyroscopes = !raw.gyroscopes.is_absent();
         let mut lagged = heads(raw);
-        for (lagged, state) in lagged.iter_mut().zip(&self.sensors) {
-            match state {
-                _ if self.lag_ns == 0 => *lagged = 0.0,
-                Some(state) => *lagged = state.lagged,
-                None => {}
+        for (sensor, lagged) in lagged.iter_mut().enumerate() {
+            if self.lag_ns == 0 {
+                *lagged = 0.0;
+            } else if sensor < AXES || has_gyroscopes {
+                if !self.is_known(sensor) {
+                    *lagged = f64::NAN;
+                } else if let Some(state) = &self.sensors[sensor] {
+                    *lagged = state.lagged;
+                }
             }
         }
         raw.lag_ns = self.lag_ns;
@@ -177,6 +275,11 @@ impl LagCompletion {
     /// Sets the time constant \[ns\] of all further rows.
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.lag.lag_ns = lag_ns;
+    }
+
+    /// Sets which values of all further rows are readings.
+    pub const fn set_limits(&mut self, limits: Option<ReadingLimits>) {
+        self.lag.limits = limits;
     }
 
     /// Completes the next row. The rows of a recording that `has_lag`, that is its columns, stay as the acquisition
@@ -409,6 +512,104 @@ mod tests {
         lag.forget(2);
         lag.reset();
         assert_eq!(lag, Lag::new(TAU_NS));
+    }
+
+    #[test]
+    fn a_value_that_no_thermometer_gives_is_no_reading() {
+        const SECOND: u64 = 1_000_000_000;
+        let text = include_str!("../../examples/tables/imu-b.toml");
+        let table = CoefficientTable::from_toml(text, None).unwrap();
+        let limits = ReadingLimits::of(&table);
+        let ranges = Ranges::of_accelerometers(&table);
+        assert_eq!(limits, ReadingLimits::new(&ranges, None));
+        let celsius = Ranges { unit: "degC".to_owned(), head: [[-40.0, 85.0]; AXES], ..ranges.clone() };
+        let narrow = Ranges { head: [[20.0, 30.0]; AXES], ..celsius.clone() };
+        let volts = Ranges { unit: "V".to_owned(), head: [[0.9, 4.1], [0.9, 4.0], [1.0, 4.1]], ..ranges };
+        for (ranges, [low, high, step]) in
+            [(&celsius, [-71.25, 116.25, 7.8125]), (&narrow, [0.0, 50.0, 5.0]), (&volts, [0.1, 4.9, 0.2])]
+        {
+            let limits = ReadingLimits::new(ranges, None);
+            let found = [limits.low - low, limits.high - high, limits.step - step];
+            assert!(found.iter().all(|error| error.abs() < 1e-12), "{limits:?}");
+        }
+        let hot = Ranges { head: [[-40.0, 125.0]; AXES], ..celsius.clone() };
+        assert!(ReadingLimits::new(&celsius, Some(&hot)).contain(150.0));
+
+        // A thermometer shows -55 degC for 10 s, which is inside the limits of the range, or 200 degC, which is not.
+        for fault in [-55.0, 200.0] {
+            let begin = || {
+                let mut lag = Lag { limits: Some(ReadingLimits::new(&celsius, None)), ..Lag::new(TAU_NS) };
+                (1..=100).for_each(|second| lag.read(0, 25.0, second * SECOND));
+                lag
+            };
+            let mut lag = begin();
+            for second in 101..=110 {
+                lag.read(0, fault, second * SECOND);
+                let mut raw = sample(0, 0, fault);
+                lag.fill(&mut raw);
+                assert!(!lag.is_known(0) && raw.accelerometers.head_lagged[0].is_nan(), "{fault} at {second} s");
+                assert!(lag.is_known(1) && raw.accelerometers.head_lagged[1] == fault, "no reading: soaked");
+            }
+            assert_eq!(lag.sensors[0], Some(LaggedReading { time_ns: 110 * SECOND, temperature: 25.0, lagged: 25.0 }));
+            lag.read(0, 25.1, 111 * SECOND);
+            let lagged = lag.sensors[0].unwrap().lagged;
+            assert!(lag.is_known(0) && (lagged - 25.0).abs() < 1e-3, "{lagged} after {fault}");
+            // After a minute a fifth of L is unknown, until that has decayed to a twentieth.
+            let mut lag = begin();
+            (101..=160).for_each(|second| lag.read(0, fault, second * SECOND));
+            let share = -libm::expm1(-0.25);
+            assert!((lag.unknown[0] - share).abs() < 1e-12, "{} for {share}", lag.unknown[0]);
+            let known = (161..1000).find(|second| {
+                lag.read(0, 25.0, second * SECOND);
+                lag.is_known(0)
+            });
+            assert!(known.is_some_and(|second| (515..525).contains(&second)), "{known:?}");
+        }
+    }
+
+    #[test]
+    fn a_thermometer_that_was_wrong_at_first_is_believed_in_the_end() {
+        const SECOND: u64 = 1_000_000_000;
+        let limits = Some(ReadingLimits { low: -71.0, high: 116.0, step: 7.8 });
+        // Its first value is that of its reset. From a start that is not known the right one counts at once.
+        for (unknown, believed) in [(0.0, 165..175), (1.0, 2..3)] {
+            let mut lag = Lag { limits, ..Lag::new(TAU_NS) };
+            lag.unknown = [unknown; SENSORS];
+            lag.read(0, 85.0, SECOND);
+            let last = (2..1000).find(|second| {
+                lag.read(0, 25.0, second * SECOND);
+                lag.sensors[0].unwrap().lagged == 25.0
+            });
+            assert!(last.is_some_and(|second| believed.contains(&second)), "{last:?}");
+            assert_eq!(lag.unknown[0].to_bits(), 1.0_f64.to_bits());
+        }
+        // A value outside the range is not the first reading either.
+        let mut lag = Lag { limits, ..Lag::new(TAU_NS) };
+        lag.read(0, -273.15, SECOND);
+        assert!(lag.sensors[0].is_none() && !lag.is_known(0));
+        lag.read(0, 25.0, 2 * SECOND);
+        lag.read(0, 25.0, 3 * SECOND);
+        assert!(lag.is_known(0));
+        lag.reset();
+        assert_eq!(lag.limits, limits);
+        // Rapid readings with noise, and a long pause, are readings.
+        for (index, temperature) in [25.0, 25.6, 24.7, 26.0].into_iter().enumerate() {
+            lag.read(1, temperature, SECOND + index as u64 * 1_000_000);
+        }
+        lag.read(1, 70.0, 61 * SECOND);
+        assert!(lag.is_known(1) && lag.sensors[1].unwrap().temperature == 70.0);
+    }
+
+    #[test]
+    fn gyroscopes_that_the_imu_does_not_have_stay_absent() {
+        let mut lag = Lag::new(TAU_NS);
+        (0..SENSORS).for_each(|sensor| lag.read(sensor, 25.0, 1));
+        lag.forget(4);
+        for gyroscopes in [Triad::ABSENT, Triad::default()] {
+            let mut raw = RawSample { gyroscopes, ..sample(0, 0, 25.0) };
+            lag.fill(&mut raw);
+            assert!(raw.gyroscopes.is_absent() && raw.accelerometers.head_lagged == [25.0; 3], "{raw:?}");
+        }
     }
 
     #[test]

@@ -36,8 +36,8 @@ pub struct Triad {
 }
 
 impl Triad {
-    /// Sensors that the IMU does not have: no pulses, and temperature that is NaN. A table that has them gives NaN,
-    /// flagged `not-finite`.
+    /// Sensors that the IMU does not have, or that nobody has filled in: no pulses, and temperature that is NaN. A
+    /// table that has them gives NaN, flagged `not-finite`.
     pub const ABSENT: Self = Self {
         positive_pulses: [0; AXES],
         negative_pulses: [0; AXES],
@@ -86,7 +86,8 @@ pub struct RawSample {
     pub session: u64,
     /// Rises by one with each sample of a session; the first may be any number.
     pub sequence: u64,
-    /// End of the control period on the acquisition's clock \[ns\].
+    /// End of the control period on the acquisition's clock \[ns\]; 0 = not given: then no time step is found, and
+    /// what is missing between two sessions is not counted.
     pub timestamp_ns: u64,
     /// Control period Ts, the measured gate length \[ns\], 1..=[`MAX_INTERVAL_NS`].
     pub interval_ns: u64,
@@ -104,7 +105,8 @@ pub struct RawSample {
     pub gyroscopes: Triad,
 }
 
-/// All 0, without gyroscopes: [`Triad::ABSENT`].
+/// All 0, but every head and board temperature NaN: [`Triad::ABSENT`]. A program that forgets a temperature gets NaN,
+/// flagged `not-finite`, and not an increment of 0 V or 0 °C.
 impl Default for RawSample {
     #[inline]
     fn default() -> Self {
@@ -117,7 +119,7 @@ impl Default for RawSample {
             telemetry_ns: 0,
             lag_ns: 0,
             device: 0,
-            accelerometers: Triad::default(),
+            accelerometers: Triad::ABSENT,
             gyroscopes: Triad::ABSENT,
         }
     }
@@ -381,8 +383,8 @@ flags! {
         /// sample has none, or the lag difference is not finite or larger than the bias's range. The increment is
         /// computed without that term.
         LAG_UNKNOWN = 21,
-            "It ends automatically after a start or a new table. If it persists, feed `reading` with each \
-             temperature, and let the lag follow the table's: docs/temperature-in-motion.md.";
+            "It ends automatically after a start, a new table or a fault of the thermometer. If it persists, feed \
+             `reading` with each temperature, and let the lag follow the table's: docs/temperature-in-motion.md.";
         /// The sample comes from a device other than that of the table. It is not flagged if either is unknown. The
         /// increment is computed with that table.
         OTHER_DEVICE = 22, "Give the device its own table, or correct the serial number that the acquisition sends.";
@@ -586,9 +588,13 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_has_no_gyroscopes_unless_they_are_filled_in() {
+    fn a_sample_has_no_temperature_and_no_gyroscopes_unless_they_are_filled_in() {
         let raw = RawSample::default();
-        assert!(raw.gyroscopes.is_absent() && raw.gyroscopes.head_temperature.iter().all(|value| value.is_nan()));
+        for triad in [raw.accelerometers, raw.gyroscopes] {
+            let temperature = [triad.head_temperature, triad.board_temperature];
+            assert!(triad.is_absent() && temperature.as_flattened().iter().all(|value| value.is_nan()));
+            assert_eq!(triad.head_lagged.map(f64::to_bits), [0; AXES]);
+        }
         assert!(raw == RawSample::default() && Triad::default().is_absent() && Triad::ABSENT != Triad::default());
         let one = Triad { head_temperature: [f64::NAN, 2.5, f64::NAN], ..Triad::ABSENT };
         let pulse = Triad { positive_pulses: [0, 1, 0], ..Triad::ABSENT };

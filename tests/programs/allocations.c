@@ -31,6 +31,8 @@ int main(int count, char **words)
     isotherm_options options = {.timeout_ns = 20000000000ull, .serial = "SN 42", .lag_s = 240};
     if (count != 3 || isotherm_acquisition_connect(words[1], &options, &acquisition) != ISOTHERM_OK)
         return 1;
+    if (isotherm_soaked(acquisition) != ISOTHERM_OK)
+        return 1;
     unsigned long connecting = counted, allocations = 0, trips = strtoul(words[2], NULL, 10);
     /* The first 1000 trips make the connections and let the queues grow to their final size. */
     for (unsigned long trip = 0; trip < 1000 + trips; trip++) {

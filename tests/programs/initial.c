@@ -1,6 +1,6 @@
 /*
  * Sends two samples without gyroscopes, a loan as it comes and a sample of its own, and writes their increments to stdout as the bytes
- * of the structures: initial IMU TEMPERATURE. It is valid C and C++.
+ * of the structures: initial IMU [TEMPERATURE]. It is valid C and C++.
  */
 #include <isotherm.h>
 #include <stdio.h>
@@ -15,7 +15,7 @@ int main(int count, char **words)
     isotherm_options options;
     memset(&options, 0, sizeof options);
     options.timeout_ns = 20000000000u;
-    if (count != 3 || isotherm_acquisition_connect(words[1], &options, &acquisition) != ISOTHERM_OK)
+    if (count < 2 || isotherm_acquisition_connect(words[1], &options, &acquisition) != ISOTHERM_OK)
         return 1;
     for (unsigned sent = 0; sent < 2; sent++) {
         if (isotherm_loan(acquisition, &sample) != ISOTHERM_OK)
@@ -27,7 +27,7 @@ int main(int count, char **words)
         }
         sample->timestamp_ns = (sent + 1) * 1000000u;
         sample->interval_ns = 1000000;
-        for (int axis = 0; axis < 3; axis++)
+        for (int axis = 0; axis < 3 && count == 3; axis++)
             sample->accelerometers.head_temperature[axis] = sample->accelerometers.board_temperature[axis] = atof(words[2]);
         if (isotherm_compensate(acquisition, sample, 20000000000u, &increment) != ISOTHERM_OK)
             return 1;

@@ -48,7 +48,7 @@ pub fn compile_with(
     let mut command = Command::new(compiler);
     // The language is the compiler's, whatever the file's name is.
     command.args(["-x", if standard == CPP.1 { "c++" } else { "c" }]);
-    command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-pthread"]);
+    command.args([standard, "-O1", "-g", "-Wall", "-Wextra", "-Wshadow", "-Wpedantic", "-Werror", "-pthread"]);
     command.args(options);
     command
         .arg(format!("-I{ROOT}/client/include"))

@@ -4,6 +4,7 @@ use isotherm_files::sources;
 use isotherm_fit::Origin;
 use isotherm_recording::Progress;
 use isotherm_recording_formats::read::{Input, Samples};
+use isotherm_shared::lag::ReadingLimits;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure};
@@ -33,6 +34,7 @@ impl<'t> VerificationRun<'t> {
     ) -> Result<Self, Failure> {
         let mut samples = Samples::open_hashed(&sources(recording)?, input, bar)?;
         samples.set_lag(lag_ns.unwrap_or(table.lag_ns()));
+        samples.set_limits(Some(ReadingLimits::of(table)));
         Ok(Self { samples, recording: recording.to_vec(), collector: Collector::new(table, window_s) })
     }
 

@@ -13,6 +13,7 @@ use isotherm_offline::progress::playing_bar;
 use isotherm_pipeline::no_bar;
 use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
+use isotherm_shared::lag::ReadingLimits;
 use isotherm_shared::status::ImuStatus;
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -107,6 +108,7 @@ impl Feed {
         let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
         let served = ServedTable::ask(&self.imu, &options(self.timeout))?;
         samples.set_lag(self.lag.ns.unwrap_or(served.lag_ns));
+        samples.set_limits(served.limits);
         let layout = IncrementLayout { gyroscopes: served.gyroscopes, delivery: self.delivery };
         let writer = match IncrementCsvWriter::new(sink, layout) {
             Ok(writer) => writer,
@@ -164,6 +166,7 @@ impl Feed {
             {
                 asked = now.table;
                 samples.set_lag(now.lag_ns);
+                samples.set_limits(now.limits);
             }
             let Some(sample) = samples.next() else { break };
             let sample = match sample {
@@ -251,6 +254,8 @@ struct ServedTable {
     table: u64,
     /// Time constant of the lagged temperature \[ns\]; 0 without one.
     lag_ns: u64,
+    /// Which temperatures are readings; `None` without a table.
+    limits: Option<ReadingLimits>,
     gyroscopes: bool,
 }
 
@@ -275,6 +280,7 @@ impl ServedTable {
         let lag = |imu: &ImuStatus| TimeConstant::from_seconds(imu.lag_s?).ok().map(TimeConstant::ns);
         Ok(Self {
             lag_ns: imu.as_ref().and_then(lag).unwrap_or(0),
+            limits: imu.as_ref().and_then(ReadingLimits::of_status),
             gyroscopes: imu.as_ref().is_some_and(|imu| imu.gyroscopes.is_some()),
             table: imu.as_ref().map_or(0, ImuStatus::table_id),
         })

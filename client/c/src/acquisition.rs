@@ -39,10 +39,7 @@ impl AcquisitionContent {
     #[inline]
     fn loan(&mut self) -> Result<NonNull<RawSample>, CodedError> {
         let entry = self.loans.iter_mut().find(|entry| entry.is_none()).ok_or(LOANS)?;
-        let mut loan = self.acquisition.loan()?;
-        let sample = NonNull::from(&mut *loan);
-        *entry = Some((sample, loan));
-        Ok(sample)
+        Ok(put(entry, self.acquisition.loan()?))
     }
 
     /// Takes out the loan that C has by this pointer.
@@ -91,11 +88,20 @@ impl AcquisitionContent {
 
     /// Keeps a sample that could not be sent on loan. There is a free entry, because [`take`](Self::take) has just
     /// emptied one.
-    fn give_back(&mut self, mut loan: Loan) {
+    fn give_back(&mut self, loan: Loan) {
         if let Some(entry) = self.loans.iter_mut().find(|entry| entry.is_none()) {
-            *entry = Some((NonNull::from(&mut *loan), loan));
+            put(entry, loan);
         }
     }
+}
+
+/// Puts a loan into its place, and returns the pointer to its sample that C gets. It is taken of the loan in that
+/// place: a sample may be in a `Box`, and a pointer into it is not valid any more when the `Box` moves.
+#[inline]
+fn put(entry: &mut Option<(NonNull<RawSample>, Loan)>, loan: Loan) -> NonNull<RawSample> {
+    let (sample, loan) = entry.insert((NonNull::dangling(), loan));
+    *sample = NonNull::from(&mut **loan);
+    *sample
 }
 
 /// Adds a sample to another.
@@ -231,10 +237,11 @@ pub unsafe extern "C" fn isotherm_acquisition_close(acquisition: *mut isotherm_a
 /// Loans a sample in shared memory, to be filled in; sending does not copy it. `*sample` is yours until it is sent or
 /// discarded, or until the handle is closed. At most ISOTHERM_LOANS samples may be on loan at once.
 ///
-/// `session` and `sequence` are set already, the gyroscopes' temperature is NaN, all other fields are 0. Set them,
-/// except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. `sequence` is one above the
-/// highest that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service
-/// flags the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
+/// `session` and `sequence` are set already, every head and board temperature is NaN, all other fields are 0. Set them,
+/// except `sent_ns`, `device` and what isotherm_reading is for: `lag_ns` and `head_lagged`. A temperature that is not
+/// set gives NaN for its sensor, flagged ISOTHERM_FLAG_A1_NOT_FINITE and so on. `sequence` is one above the highest
+/// that was loaned or sent in the session: a sample that is discarded leaves its sequence out, and the service flags
+/// the gap. If periods were lost before they could be loaned, raise `sequence` by their number.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_LOANS, ISOTHERM_ERROR_TRANSPORT.
 #[unsafe(no_mangle)]
@@ -541,8 +548,13 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
     number(acquisition, Acquisition::session)
 }
 
-/// Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless
-/// isotherm_restore_lag or isotherm_forget_lag follows.
+/// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
+/// unless isotherm_restore_lag or isotherm_soaked follows.
+///
+/// It fails while samples are unanswered or kept. If the device resets meanwhile, with a clock or counter that begins
+/// anew, go on with isotherm_send_kept and isotherm_receive until isotherm_in_flight and isotherm_kept are 0, hold the
+/// new samples back until then, and begin the session for the first of them. If the service does not come back, close
+/// the handle, which tells what is lost, and connect again: that begins a session too.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered or kept.
 #[unsafe(no_mangle)]

@@ -38,7 +38,8 @@ pub struct isotherm_lag {
 ///
 /// `sensor` is 0 to 5 for A1, A2, A3, G1, G2, G3. Call it for every sensor that the IMU has, and once for each new
 /// measurement, not for each sample. A value that is not finite, or has the time of the last reading, is no reading.
-/// docs/temperature-in-motion.md has the formula.
+/// With ISOTHERM_LAG_SERVICE neither is one that no thermometer gives: far outside the ranges of the table in force, or
+/// a step that is too fast. docs/temperature-in-motion.md has the formula and the limits.
 ///
 /// If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this call has the helper
 /// thread of the acquisition read the status, and a later call takes it.
@@ -54,6 +55,22 @@ pub unsafe extern "C" fn isotherm_reading(
     with(acquisition, |content| {
         let (sensor, _) = Sensor::NAMES.get(sensor as usize).ok_or(NO_SENSOR)?;
         content.acquisition.lag().read(*sensor, telemetry, time_ns);
+        Ok(())
+    })
+}
+
+/// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer: as
+/// isotherm_reading once for each of the six. Gyroscopes that the IMU does not have stay absent.
+///
+/// ISOTHERM_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_reading_of_all(
+    acquisition: *mut isotherm_acquisition,
+    telemetry: f64,
+    time_ns: u64,
+) -> isotherm_code {
+    with(acquisition, |content| {
+        content.acquisition.lag().reading_of_all(telemetry, time_ns);
         Ok(())
     })
 }
@@ -125,15 +142,28 @@ pub unsafe extern "C" fn isotherm_restore_lag(
     })
 }
 
-/// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a restart
-/// without a saved state. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the transient terms,
-/// until the readings span three time constants.
+/// Informs the library that what the temperatures have been is not known. That is so already when the acquisition
+/// connects, and when it begins a session. Increments are flagged ISOTHERM_FLAG_LAG_UNKNOWN, and computed without the
+/// transient terms, until the readings span three time constants.
 ///
 /// ISOTHERM_OK.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_forget_lag(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| {
         content.acquisition.lag().forget();
+        Ok(())
+    })
+}
+
+/// Informs the library that the IMU is soaked: its temperatures have been those of the next readings for three time
+/// constants. Only what has just been powered, or has stood long enough, is. If it is not, the lagged temperature is
+/// wrong by the difference, which decays with the time constant, and no flag shows it.
+///
+/// ISOTHERM_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn isotherm_soaked(acquisition: *mut isotherm_acquisition) -> isotherm_code {
+    with(acquisition, |content| {
+        content.acquisition.lag().soaked();
         Ok(())
     })
 }

@@ -1,7 +1,7 @@
 //! What an acquisition reports to its lag.
 
 use crate::lag::{AcquisitionLag, Sensor};
-use isotherm_shared::lag::Lag;
+use isotherm_shared::lag::{Lag, SENSORS};
 use isotherm_shared::wire::RawSample;
 
 /// The lag of an acquisition's temperatures: [`Acquisition::lag`](crate::Acquisition::lag).
@@ -15,7 +15,9 @@ impl LagAccess<'_> {
     /// acquisition's clock. Every sample that is sent later carries the lagged temperatures of all readings so far.
     ///
     /// A reading is a new measurement: call this once for each, not for each sample. A value that is not finite, or has
-    /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula.
+    /// the time of the last reading, is none. [`isotherm_shared::lag`] has the formula. With [`LagOption::Service`], a
+    /// value that no thermometer gives is none either, by the ranges of the table in force: see
+    /// [`ReadingLimits`](isotherm_shared::lag::ReadingLimits).
     ///
     /// If the service has taken a table with another time constant, with [`LagOption::Service`], this call has the
     /// helper thread of the acquisition read the status, and a later call takes it. Increments are flagged
@@ -24,7 +26,13 @@ impl LagAccess<'_> {
     ///
     /// [`LagOption::Service`]: crate::LagOption::Service
     pub fn read(&mut self, sensor: Sensor, temperature: f64, time_ns: u64) {
-        self.lag.read(sensor, temperature, time_ns);
+        self.lag.read(sensor as usize, temperature, time_ns);
+    }
+
+    /// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer: a
+    /// [`read`](Self::read) of each of the six. Gyroscopes that the IMU does not have stay absent.
+    pub fn reading_of_all(&mut self, temperature: f64, time_ns: u64) {
+        (0..SENSORS).for_each(|sensor| self.lag.read(sensor, temperature, time_ns));
     }
 
     /// Takes the readings of a sample of which it is not known whether its temperatures are new, as in a recording: see
@@ -49,10 +57,18 @@ impl LagAccess<'_> {
         self.lag.restore(saved);
     }
 
-    /// Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
-    /// restart without a saved lag. Increments are flagged [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN),
-    /// and computed without the transient terms, until the readings span three time constants: [`Lag::unknown`].
+    /// Informs the library that what the temperatures have been is not known. That is so already when the acquisition
+    /// connects, and when it begins a session. Increments are flagged
+    /// [`LAG_UNKNOWN`](isotherm_shared::wire::Flags::LAG_UNKNOWN), and computed without the transient terms, until the
+    /// readings span three time constants: [`Lag::unknown`].
     pub fn forget(&mut self) {
-        self.lag.restore(&Lag::default());
+        self.lag.reset();
+    }
+
+    /// Informs the library that the IMU is soaked: its temperatures have been those of the next readings for three time
+    /// constants. Only what has just been powered, or has stood long enough, is. If it is not, the lagged temperature
+    /// is wrong by the difference, which decays with the time constant, and no flag shows it.
+    pub fn soaked(&mut self) {
+        self.lag.soak();
     }
 }

@@ -8,12 +8,13 @@
 
 use super::stream::{Event, Ipc, IpcNode, OpenedStream, Stream, increment_name, open_increment, open_raw, raw_name};
 use core::fmt;
+use core::sync::atomic::{AtomicBool, Ordering};
 use iceoryx2::port::listener::{Listener, ListenerCreateError};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{self, PublisherCreateError};
 use iceoryx2::port::subscriber::{self, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections as _;
-use iceoryx2::port::{LoanError, ReceiveError, SendError};
+use iceoryx2::port::{DegradationAction, DegradationCause, LoanError, ReceiveError, SendError};
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ServiceName, ZeroCopySend};
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
@@ -97,7 +98,8 @@ macro_rules! payload {
             }
             fn publisher(stream: &Stream<Self>, loans: usize) -> Result<Publisher<Self>, PublisherCreateError> {
                 let builder = stream.publisher_builder().max_loaned_samples(loans);
-                builder.backpressure_strategy(BackpressureStrategy::DiscardData).create()
+                let builder = builder.backpressure_strategy(BackpressureStrategy::DiscardData);
+                builder.set_degradation_handler(|cause, _| note_unconnected(&cause)).create()
             }
             fn subscriber(
                 stream: &Stream<Self>,
@@ -145,6 +147,32 @@ macro_rules! payload {
 
 payload!(RawSample, raw_name, open_raw, has_event: false);
 payload!(CompensatedIncrement, increment_name, open_increment, has_event: true);
+
+/// Whether a publisher of this process could not connect a subscriber.
+static UNCONNECTED: AtomicBool = AtomicBool::new(false);
+
+/// The transport goes on without a subscriber that it could not connect, and tries it again only when a subscriber
+/// comes or goes.
+fn note_unconnected(cause: &DegradationCause) -> DegradationAction {
+    if matches!(cause, DegradationCause::FailedToEstablishConnection) {
+        UNCONNECTED.store(true, Ordering::Relaxed);
+    }
+    DegradationAction::Warn
+}
+
+/// Whether a publisher of this process could not connect a subscriber since the last call.
+#[must_use]
+pub fn take_unconnected() -> bool {
+    UNCONNECTED.swap(false, Ordering::Relaxed)
+}
+
+/// Lets the publisher of a stream try again to connect all subscribers when it sends next: one comes, and goes.
+///
+/// # Errors
+/// Those of the transport. Nothing has changed then.
+pub fn reconnect<T: Payload>(stream: &Stream<T>) -> Result<(), SubscriberCreateError> {
+    T::subscriber(stream, Some(1)).map(drop)
+}
 
 /// A port that notifies an event.
 ///

@@ -212,6 +212,7 @@ mod tests {
             trends.chamber(second as f64, 20.0);
             for imu in 0..3 {
                 let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
+                sample.accelerometers = Triad::default();
                 sample.accelerometers.head_temperature[2] =
                     second as f64 * 0.05 / 3600.0 * f64::from(u8::from(imu == 1));
                 trends.sample(imu, &sample);
@@ -230,7 +231,7 @@ mod tests {
             let mut trends = Trends::new(&plan);
             for second in 0..1200_u64 {
                 let mut sample = RawSample { timestamp_ns: second * 1_000_000_000, ..RawSample::default() };
-                sample.gyroscopes = Triad::default();
+                (sample.accelerometers, sample.gyroscopes) = (Triad::default(), Triad::default());
                 sample.gyroscopes.board_temperature[1] = second as f64 * 0.05 / 3600.0;
                 trends.chamber(second as f64, 20.0);
                 trends.sample(0, &sample);

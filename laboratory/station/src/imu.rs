@@ -228,6 +228,8 @@ struct SampleSender {
     imu: ImuId,
     options: Options,
     acquisition: Option<Acquisition>,
+    /// Whether nothing was sent yet: the simulated IMU begins soaked.
+    is_soaked: bool,
     last_attempt: Option<Instant>,
     /// Error of the last attempt to connect, so that it is printed only once.
     obstacle: String,
@@ -243,6 +245,7 @@ impl SampleSender {
             imu: imu.clone(),
             options,
             acquisition: None,
+            is_soaked: true,
             last_attempt: None,
             obstacle: String::new(),
             last_progress: Instant::now(),
@@ -264,6 +267,9 @@ impl SampleSender {
             self.last_progress = Instant::now();
         }
         let Some(acquisition) = &mut self.acquisition else { return };
+        if core::mem::take(&mut self.is_soaked) {
+            acquisition.lag().soaked();
+        }
         acquisition.lag().follow(raw);
         let Ok(mut loan) = acquisition.loan_record(raw) else { return };
         loop {

@@ -129,8 +129,8 @@ class Acquisition:
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
     def begin_session(self) -> None:
-        """Begins a new session: the next sample may have any sequence. The IMU is taken to be soaked, unless its lag is
-        restored or forgotten after this.
+        """Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
+        unless the lag is restored, or the IMU said to be soaked, after this.
 
         Raises IsothermError if samples are unanswered or kept.
         """
@@ -140,6 +140,10 @@ class Acquisition:
 
         Call it once for each new measurement, not for each sample. Every sample that is sent later carries the lagged
         temperature.
+        """
+    def reading_of_all(self, temperature: float, time_ns: int) -> None:
+        """Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer: as
+        `reading` once for each of the six.
         """
     @property
     def lag_ns(self) -> int:
@@ -156,11 +160,18 @@ class Acquisition:
         last number of each sensor to 0.
         """
     def forget_lag(self) -> None:
-        """Informs the library that the IMU is not soaked and what its temperatures have been is not known, as after a
-        restart without a kept state.
+        """Informs the library that what the temperatures have been is not known, as is so already when the acquisition
+        connects, and when it begins a session.
 
         Increments are flagged LAG_UNKNOWN, and computed without the transient terms, until the readings span three time
         constants.
+        """
+    def soaked(self) -> None:
+        """Informs the library that the IMU is soaked: its temperatures have been those of the next readings for three time
+        constants.
+
+        Only what has just been powered, or has stood long enough, is. If it is not, the lagged temperature is wrong by
+        the difference, which decays with the time constant, and no flag shows it.
         """
     def prepare(self) -> None:
         """Goes through the motions of sending a sample and receiving its increment, so that the next sample finds its way
@@ -170,7 +181,8 @@ class Acquisition:
         microseconds before it.
         """
     def loan(self) -> Loan:
-        """Loans a sample in shared memory, to be filled in; session and sequence are set already. At most 4 at once.
+        """Loans a sample in shared memory, to be filled in; session and sequence are set already, and every temperature is
+        NaN. At most 4 at once.
 
         It stands for a control period. Its sequence is one above the highest that was loaned or sent; if it is not
         sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.

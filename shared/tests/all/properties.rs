@@ -283,6 +283,9 @@ proptest! {
             }
             let a = p * axis.bias_unit.factor();
             let k = (value(&axis.positive_scale_factor, board), value(&axis.negative_scale_factor, board));
+            if content.out_of_range == OutOfRange::Extrapolate && !all_inside && (k.0 <= 0.0 || k.1 >= 0.0) {
+                return f64::NAN;
+            }
             let (positive, negative) = (f64::from(triad.positive_pulses[i]), f64::from(triad.negative_pulses[i]));
             (positive / k.0 + negative / k.1) - a * ts
         };
@@ -479,21 +482,37 @@ fn a_scale_factor_that_rounds_to_the_wrong_sign_keeps_the_sign_of_zero() {
     assert_eq!(answer(Some(&table), &raw).velocity_increment.map(f64::to_bits), [0; AXES]);
 }
 
-/// A scale factor of the wrong sign, as an extrapolation can give, makes the indicated input of no pulses -0. The
-/// increment is -0 - (-0) = 0 then: a bias without a transient term adds nothing, not even +0.
+/// A scale factor that crosses zero beyond its range has the wrong sign there, or is 0. An extrapolation is NaN then,
+/// with the flag of the range, and not an increment of the wrong sign.
 #[test]
-fn without_a_transient_term_a_bias_keeps_its_sign() {
+fn an_extrapolated_scale_factor_of_the_wrong_sign_gives_nan() {
+    // K+ of A1 is 10 - 5 U, K- of A2 is 5 U - 10, and A3 has constants.
     let axis = |name| {
+        let (plus, minus) = if name == "A1" { (-5.0, 0.0) } else { (0.0, if name == "A2" { 5.0 } else { 0.0 }) };
         format!(
             "[[axis]]\nname = \"{name}\"\nbias = {{ unit = \"g0\", range = [0.0, 1.0], c0 = -0.0 }}\n\
-             positive_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = 10.0, c1 = -5.0 }}\n\
-             negative_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = -10.0 }}\n"
+             positive_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = 10.0, c1 = {plus:?} }}\n\
+             negative_scale_factor = {{ unit = \"pulse/(s*g0)\", range = [0.0, 1.0], c0 = -10.0, c1 = {minus:?} }}\n"
         )
     };
     let head = "format = 1\n[imu]\nid = \"imu-z\"\ngravity = 9.8\n[temperature]\nunit = \"V\"\nout_of_range = \"extrapolate\"\n";
     let text = head.to_owned() + &["A1", "A2", "A3"].map(axis).concat();
     let table = CoefficientTable::from_toml(&text, None).unwrap();
-    let accelerometers = Triad { head_temperature: [0.5; 3], board_temperature: [5.0; 3], ..Triad::default() };
-    let raw = RawSample { interval_ns: 1_000_000_000, accelerometers, ..RawSample::default() };
-    assert_eq!(answer(Some(&table), &raw).velocity_increment.map(f64::to_bits), [0; 3]);
+    let above = (0..AXES).fold(Flags::default(), |flags, axis| flags | Flags::board_above(axis));
+    for (board, finite) in
+        [(1.0, [true; 3]), (1.5, [true; 3]), (2.0, [false, false, true]), (5.0, [false, false, true])]
+    {
+        let accelerometers = Triad {
+            positive_pulses: [40; 3],
+            negative_pulses: [2; 3],
+            head_temperature: [0.5; 3],
+            board_temperature: [board; 3],
+            ..Triad::default()
+        };
+        let raw = RawSample { interval_ns: 1_000_000_000, accelerometers, ..RawSample::default() };
+        let increment = answer(Some(&table), &raw);
+        assert_eq!(increment.velocity_increment.map(f64::is_finite), finite, "{board} V");
+        assert_eq!(Flags(increment.flags), if board > 1.0 { above } else { Flags::default() }, "{board} V");
+        assert!(increment.velocity_increment.iter().all(|dv| dv.is_nan() || *dv > 0.0), "{increment:?}");
+    }
 }

@@ -109,6 +109,7 @@ fn send(imu: &str, samples: u64) {
     let lag = LagOption::Fixed(TimeConstant::from_seconds(240.0).unwrap());
     let options = Options { serial: Some("SN 42".to_owned()), lag, ..options };
     let mut acquisition = Acquisition::connect(&imu.parse().unwrap(), &options).unwrap();
+    acquisition.lag().soaked();
     // The first part makes the connections and lets the queues grow to their final size.
     for part in [1000, samples] {
         let mut allocations = 0;

@@ -85,6 +85,44 @@ fn all_bits_pass_through_the_structures_of_c_and_cpp() {
     service.terminate();
 }
 
+/// Programs are compiled with more warnings than ours, or with an older standard.
+#[test]
+fn the_headers_pass_with_more_warnings_and_name_the_standard_that_they_need() {
+    let domain = TestDomain::new();
+    let more = ["-Wconversion", "-Wsign-conversion", "-Wold-style-cast"];
+    for (language, options) in [(C, &more[..2]), (CPP, &more[..])] {
+        let Some(program) = compile_with(&domain, language, "tests/programs/headers.c", options) else { continue };
+        run(&domain, &program, &[], "out");
+    }
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/programs/headers.c");
+    let include = concat!("-I", env!("CARGO_MANIFEST_DIR"), "/../client/include");
+    match Command::new(CPP.0).args(["-x", "c++", "-std=c++14", "-fsyntax-only", include, source]).output() {
+        Ok(output) => assert!(!output.status.success() && text(&output.stderr).contains("needs C++17")),
+        Err(_) => skip("there is no C++ compiler", Needs::Program),
+    }
+}
+
+/// A temperature that a program forgets is no temperature of 0.
+#[test]
+fn a_temperature_that_is_not_filled_in_gives_nan_and_a_flag() {
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    for language in [C, CPP] {
+        let Some(program) = compile(&domain, language, "tests/programs/initial.c") else { continue };
+        run(&domain, &program, &["imu-g"], "out");
+        let out = fs::read(domain.path("out")).unwrap();
+        let (increments, rest) = out.as_chunks::<104>();
+        assert_eq!((increments.len(), rest.len()), (2, 0));
+        for increment in increments {
+            let longs: Vec<_> = increment.as_chunks().0.iter().map(|long| u64::from_ne_bytes(*long)).collect();
+            assert!(longs[4..10].iter().all(|value| f64::from_bits(*value).is_nan()), "{longs:?}");
+            let flags = Flags(longs[11]);
+            assert!((0..3).all(|axis| flags.intersects(Flags::not_finite(axis))), "{flags}");
+        }
+    }
+    service.terminate();
+}
+
 /// A loan and `ISOTHERM_RAW_SAMPLE_INIT` are of an IMU without gyroscopes.
 #[test]
 fn samples_of_c_and_cpp_have_no_gyroscopes_until_they_are_filled_in() {

@@ -91,6 +91,7 @@ fn a_period_that_waits_has_lag_and_sending_time_of_its_moment() {
     let lag = LagOption::Fixed(TimeConstant::from_seconds(10.0).unwrap());
     let options = Options { lag, ..domain.options() };
     let mut acquisition = Acquisition::connect(&id("imu-a"), &options).unwrap();
+    acquisition.lag().soaked();
     let mut recorder = RawReader::connect(id("imu-a"), &domain.options()).unwrap();
     service.stop();
     let (mut expected, mut known) = (Lag::new(10_000_000_000), BTreeMap::new());

@@ -8,7 +8,7 @@ use isotherm_client::{
     TimeConstant, boot, device, join, subscribers_of,
 };
 use isotherm_shared::compensate::answer;
-use isotherm_shared::lag::Lag;
+use isotherm_shared::lag::{Lag, ReadingLimits};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, id, same, table, wait_until, whole_recording};
 use std::collections::HashMap;
@@ -22,9 +22,12 @@ fn with_lag(seconds: &str) -> String {
     WHOLE_TABLE.replace("time_constant_s = 240.0", &format!("time_constant_s = {seconds}"))
 }
 
+/// An acquisition of a soaked IMU.
 fn connect(domain: &TestDomain, lag: LagOption, serial: Option<&str>) -> Acquisition {
     let options = Options { lag, serial: serial.map(str::to_owned), ..domain.options() };
-    Acquisition::connect(&id("imu-g"), &options).unwrap()
+    let mut acquisition = Acquisition::connect(&id("imu-g"), &options).unwrap();
+    acquisition.lag().soaked();
+    acquisition
 }
 
 fn fixed(seconds: f64) -> LagOption {
@@ -247,7 +250,7 @@ fn a_state_of_another_clock_is_not_used() {
 }
 
 /// The subscribers of the status of a domain.
-fn status_readers(domain: &TestDomain) -> usize {
+pub(crate) fn status_readers(domain: &TestDomain) -> usize {
     let node = join(domain.client_domain()).unwrap();
     let status = node.service_builder(&stream::status_name()).publish_subscribe::<[u8]>().open().unwrap();
     subscribers_of(domain.client_domain(), &status).pids.len()
@@ -308,7 +311,9 @@ fn a_reading_that_is_given_again_is_none_but_asks_for_the_time_constant() {
         }
         increment.table == table(&new).id() && !is_lag_unknown(&increment)
     });
-    assert_eq!(*acquisition.lag().state(), Lag { lag_ns: 120_000_000_000, sensors, boot: boot(), ..Lag::default() });
+    let limits = Some(ReadingLimits::of(&table(&new)));
+    let lag_ns = 120_000_000_000;
+    assert_eq!(*acquisition.lag().state(), Lag { lag_ns, sensors, boot: boot(), limits, ..Lag::default() });
     service.terminate();
 }
 
@@ -347,7 +352,8 @@ fn a_table_without_a_lag_keeps_it_for_the_next_one() {
         });
     }
     assert_eq!(*acquisition.lag().state(), {
-        let mut model = Lag { boot: boot(), ..Lag::new(LAG_NS) };
+        let limits = Some(ReadingLimits::of(&table(WHOLE_TABLE)));
+        let mut model = Lag { boot: boot(), limits, ..Lag::new(LAG_NS) };
         samples[..=last].iter().for_each(|sample| model.follow(sample));
         model
     });
@@ -505,10 +511,68 @@ fn a_successor_goes_on_with_a_kept_lag() {
     acquisition.lag().restore(&serde_json::from_value(old).unwrap());
     assert_exact(&feed(&mut acquisition, &samples[199]), &exact, &expected[199]);
     drop(acquisition);
-    // Without it a session begins soaked.
+    // Said to be soaked, it is another one.
     let mut acquisition = connect(&domain, LagOption::Service, None);
     let first = feed(&mut acquisition, &samples[180]);
     assert_ne!(first.velocity_increment, answer(Some(&exact), &expected[180]).velocity_increment);
+    service.terminate();
+}
+
+/// Nobody knows what the temperatures were before an acquisition was started, or a device was.
+#[test]
+fn an_acquisition_begins_with_an_unknown_lag_and_so_does_a_session() {
+    let domain = TestDomain::new();
+    domain.write("imu-g.toml", &with_lag("1.0"));
+    let service = domain.serve(&["--imu", "imu-g=imu-g.toml"]);
+    let samples = whole_recording(400);
+    let mut acquisition = Acquisition::connect(&id("imu-g"), &domain.options()).unwrap();
+    for (index, sample) in samples.iter().enumerate() {
+        if index == 200 {
+            acquisition.begin_session().unwrap();
+        }
+        // Three time constants at 20 Hz.
+        assert_eq!(is_lag_unknown(&feed(&mut acquisition, sample)), index % 200 < 60, "{index}");
+    }
+    acquisition.begin_session().unwrap();
+    acquisition.lag().soaked();
+    assert!(!is_lag_unknown(&feed(&mut acquisition, &samples[0])));
+    service.terminate();
+}
+
+/// A thermometer that fails for a second does not poison the lag, and one call feeds all sensors.
+#[test]
+fn a_fault_of_the_thermometer_is_no_reading() {
+    const SECOND: u64 = 1_000_000_000;
+    let domain = TestDomain::new();
+    let service = domain.serve_whole();
+    let exact = table(WHOLE_TABLE);
+    let mut acquisition = connect(&domain, LagOption::Service, None);
+    let mut healthy = whole_recording(1)[0];
+    for triad in [&mut healthy.accelerometers, &mut healthy.gyroscopes] {
+        triad.head_temperature = [2.5; 3];
+        triad.board_temperature = [2.5; 3];
+    }
+    let mut round_trip = |second: u64, head: f64| {
+        acquisition.lag().reading_of_all(head, second * SECOND);
+        let sample = RawSample { sequence: second, timestamp_ns: second * SECOND, ..healthy };
+        (send(&mut acquisition, &sample), sample)
+    };
+    for second in 1..=100 {
+        // 0.9 V are within the table, 0 V are not.
+        let head = match second {
+            50..52 => 0.9,
+            70..72 => 0.0,
+            _ => 2.5,
+        };
+        let (increment, sample) = round_trip(second, head);
+        assert_eq!(is_lag_unknown(&increment), head < 2.5, "{second}");
+        if head == 2.5 {
+            let head_lagged = [2.5; 3];
+            let accelerometers = isotherm_client::Triad { head_lagged, ..sample.accelerometers };
+            let gyroscopes = isotherm_client::Triad { head_lagged, ..sample.gyroscopes };
+            assert_exact(&increment, &exact, &RawSample { lag_ns: LAG_NS, accelerometers, gyroscopes, ..sample });
+        }
+    }
     service.terminate();
 }
 

@@ -1,5 +1,6 @@
 //! Readers next to the acquisition, and peers that use the streams without the client library.
 
+use crate::lag::status_readers;
 use iceoryx2::prelude::PortFactory as _;
 use isotherm_client::transport::stream::{self, INCREMENT_DEPTH, Ipc, IpcNode, RECORDER_DEPTH};
 use isotherm_client::{CompensatedIncrement, ConnectError, IncrementReader, RawSample, join};
@@ -10,8 +11,9 @@ use isotherm_tests::{
     RUN, TABLE, TIMEOUT, TestDomain, WHOLE_TABLE, id, recording, round_trip, same, table, wait_until,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::Signal;
+use rustix::process::{Pid, Resource, Rlimit, Signal, getrlimit, prlimit};
 use std::collections::BTreeSet;
+use std::sync::Barrier;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
@@ -190,6 +192,61 @@ fn a_reader_knows_whether_the_service_lives() {
     wait_until("the end", || is(|age| age > DEAD));
     let service = domain.serve_recording();
     wait_until("the successor's heartbeat", || is(|age| age < ALIVE));
+    service.terminate();
+}
+
+/// The status has 32 places, and a program may have more readers: they share one, in all threads.
+#[test]
+fn all_readers_of_a_process_take_one_place_of_the_status() {
+    const THREADS: usize = 4;
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let stages = Barrier::new(THREADS + 1);
+    thread::scope(|scope| {
+        for _ in 0..THREADS {
+            scope.spawn(|| {
+                let mut readers = [(); 2].map(|()| domain.reader("imu-a"));
+                for reader in &mut readers {
+                    wait_until("a heartbeat", || reader.heartbeat_age().unwrap().is_some());
+                }
+                stages.wait();
+                stages.wait();
+            });
+        }
+        stages.wait();
+        assert_eq!(status_readers(&domain), 1);
+        stages.wait();
+    });
+    assert_eq!(status_readers(&domain), 0);
+    service.terminate();
+}
+
+/// A service whose descriptors are used up connects a reader as soon as it has some again.
+#[test]
+fn a_reader_for_which_the_service_has_no_descriptor_is_connected_later() {
+    let domain = TestDomain::new();
+    let service = domain.serve_recording();
+    let mut acquisition = domain.acquisition("imu-a");
+    let sample = recording()[0];
+    let mut send = || {
+        round_trip(&mut acquisition, &sample);
+    };
+    send();
+    let open = fs::read_dir(format!("/proc/{}/fd", service.pid())).unwrap().flatten();
+    let open: BTreeSet<u64> = open.map(|entry| entry.file_name().to_str().unwrap().parse().unwrap()).collect();
+    let first_free = (0..).find(|number| !open.contains(number));
+    let whole = getrlimit(Resource::Nofile).maximum;
+    let pid = Pid::from_raw(service.pid().try_into().unwrap());
+    let limit = |current| prlimit(pid, Resource::Nofile, Rlimit { current, maximum: whole }).unwrap();
+    limit(first_free);
+    let mut reader = domain.reader("imu-a");
+    (0..2).for_each(|_| send());
+    assert_eq!(reader.receive().unwrap(), None, "the service has no descriptor for it");
+    limit(whole);
+    wait_until("the reader is connected", || {
+        send();
+        reader.receive().unwrap().is_some()
+    });
     service.terminate();
 }
 

@@ -15,6 +15,7 @@ use isotherm_recording::MISSING;
 use isotherm_recording_formats::read::{ImuChoice, Input, Recording, Samples};
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
+use isotherm_shared::lag::ReadingLimits;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::units::{ARCSEC, SensorKind};
 use isotherm_support::failure::{Exit, Failure};
@@ -99,6 +100,7 @@ impl NoiseCommand {
         let input = Input::from((imu, self.foreign.read_for(&origin)?)).within(part);
         let mut samples = Samples::open(&sources(&self.recording)?, input, &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
+        samples.set_limits(table.as_ref().map(ReadingLimits::of));
         let mut rows = NoiseRows::new(table.as_ref(), [0.0, f64::INFINITY]);
         for row in samples.by_ref() {
             rows.push(&row?);

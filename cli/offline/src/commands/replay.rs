@@ -11,6 +11,7 @@ use isotherm_recording::{Continuity, IncrementCsvWriter, IncrementLayout, other_
 use isotherm_recording_formats::read::{Input, Samples};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
 use isotherm_shared::compensate::answer;
+use isotherm_shared::lag::ReadingLimits;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::wire::Flags;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample};
@@ -77,6 +78,7 @@ impl Replay {
         let input = Input::from((choice, self.foreign.read_for(&origin)?)).within(self.part.get()?);
         let mut samples = Samples::open(&sources(&self.recording)?, input, &no_bar(&[], ""))?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
+        samples.set_limits(Some(ReadingLimits::of(&table)));
         let mut next = samples.next();
         if let Some(Ok(_)) = next {
             super::common::refuse_other_imu(&samples, &self.recording, (&table, &self.table), self.other_imu)?;

@@ -1,7 +1,7 @@
 use super::*;
 use isotherm_client::monotonic_ns;
 use isotherm_instruments::RealTime;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::wire::{RawSample, Triad};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -43,6 +43,7 @@ impl Bench {
                 interval_ns: SECOND,
                 sent_ns: self.begun_ns + second * SECOND,
                 telemetry_ns: end_ns,
+                accelerometers: Triad::default(),
                 ..RawSample::default()
             };
             assert!(self.streams.all[imu].recorder.take(&sample, sample.sent_ns + 1000).unwrap(), "{second}");

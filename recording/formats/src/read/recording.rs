@@ -12,7 +12,7 @@ use super::places::Places;
 use crate::convert::{Conversion, Foreign, Scale};
 use isotherm_recording::foreign::VehicleState;
 use isotherm_recording::{CampaignRow, Layout, LogImu, Progress, RecordingError, SequenceRule};
-use isotherm_shared::lag::LagCompletion;
+use isotherm_shared::lag::{LagCompletion, ReadingLimits};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_shared::wire::RawSample;
@@ -156,6 +156,11 @@ impl Recording {
     /// pieces that have no lagged temperature; those that have are read as they are. Each session begins soaked.
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.lag.set_lag(lag_ns);
+    }
+
+    /// Sets which temperatures of all further rows are readings of the lag, by the table.
+    pub const fn set_limits(&mut self, limits: Option<ReadingLimits>) {
+        self.lag.set_limits(limits);
     }
 
     /// The next row. At the end of a piece, opens the next one.
@@ -441,6 +446,11 @@ impl Samples {
     /// As [`Recording::set_lag`].
     pub const fn set_lag(&mut self, lag_ns: u64) {
         self.0.set_lag(lag_ns);
+    }
+
+    /// As [`Recording::set_limits`].
+    pub const fn set_limits(&mut self, limits: Option<ReadingLimits>) {
+        self.0.set_limits(limits);
     }
 
     /// When the recorder received the last sample, Unix time \[ns\]; `None` where the recording does not show it.

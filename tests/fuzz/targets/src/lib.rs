@@ -180,7 +180,8 @@ struct Expected {
     flags: Flags,
     /// Which sensors must have no increment.
     without: [bool; AXES],
-    /// Whose increment may be NaN because it overflows: by extrapolation, or by an alignment that is no rotation.
+    /// Whose increment may be NaN because it overflows, by extrapolation or by an alignment that is no rotation, or
+    /// because an extrapolated scale factor has the wrong sign.
     may_overflow: [bool; AXES],
 }
 
