@@ -1,23 +1,22 @@
 //! Reading the streams of an IMU: for navigation, loggers and recorders.
 
+mod joining;
+
 use crate::arrival::ArrivalEvent;
 use crate::clock::monotonic_ns;
-use crate::connect::{Options, deadline, join_existing, retry_until, unopened};
+use crate::connect::{Options, deadline, retry_until};
 use crate::error::ConnectError;
 use crate::heartbeat::SharedStatus;
-use crate::loss::{Loss, removed_object, taken_connection};
-use crate::objects::refuse_foreign;
+use crate::helper::MovedPorts;
 use crate::resources::reserve;
 use crate::status::StatusError;
-use crate::transport::nodes;
-use crate::transport::ports::{Incoming, Payload, Subscriber, copied};
-use crate::transport::stream::IpcNode;
-use crate::warning::warn;
-use iceoryx2::port::subscriber::SubscriberCreateError;
+use crate::transport::ports::{Incoming, Payload, copied};
+use core::mem;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{self, ReaderState, SequenceTracker};
 use isotherm_shared::sequence::Seen;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
+use joining::{Answer, Question, RETRY, ReaderHelper, ReaderPorts, start_helper};
 use rustix::event::epoll;
 use rustix::time::{ClockId, clock_gettime};
 use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
@@ -25,8 +24,6 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Pause between two attempts to find the service.
-const RETRY: Duration = Duration::from_millis(20);
 /// Pause between two polls of a stream without an event.
 const POLL: Duration = Duration::from_micros(200);
 /// Pause between two attempts to find the event.
@@ -77,7 +74,6 @@ pub struct Reader<T: Payload> {
     order: SequenceTracker,
     last: Option<protocol::Arrival>,
     times: PublicationTimes,
-    next_attempt: Instant,
     /// When the event is looked for again.
     next_event_attempt: Instant,
     /// `CLOCK_MONOTONIC` when the service's worker was last seen at work, as far as is known \[ns\].
@@ -88,12 +84,24 @@ pub struct Reader<T: Payload> {
     has_received: bool,
     /// For a caller that polls the event by itself. It stays the same when the reader joins the stream again.
     descriptor: Option<OwnedFd>,
-    // The ports must be dropped before their node; fields are dropped in this order.
     /// That of all readers of the process.
     status: Option<Arc<SharedStatus>>,
-    arrival: Option<ArrivalEvent>,
-    subscriber: Option<Subscriber<T>>,
-    node: Option<IpcNode>,
+    /// `None` while it is not connected.
+    ports: Option<ReaderPorts<T>>,
+    asked: Asked<T>,
+    /// `None` if the thread could not be started.
+    helper: Option<ReaderHelper<T>>,
+}
+
+/// What a reader has asked its helper thread for.
+#[derive(Debug, Default)]
+enum Asked<T: Payload> {
+    #[default]
+    Nothing,
+    /// This, which the thread could not be given yet.
+    NotYet(Question<T>),
+    /// Something that it has not answered yet.
+    Something,
 }
 
 impl<T: Payload> Reader<T> {
@@ -106,31 +114,28 @@ impl<T: Payload> Reader<T> {
     /// call.
     #[must_use]
     pub fn new(imu: ImuId, options: &Options) -> Self {
-        let mut reader = Self::unconnected(imu, options);
-        if reader.try_attach().is_err() {
-            reader.next_attempt = Instant::now();
-        }
-        reader
+        // Why it fails is the error of the next call.
+        let ports = ReaderPorts::attach(&mut None, &options.domain, &imu).ok();
+        Self::with(ports, imu, options)
     }
 
-    fn unconnected(imu: ImuId, options: &Options) -> Self {
+    fn with(ports: Option<ReaderPorts<T>>, imu: ImuId, options: &Options) -> Self {
         Self {
+            helper: start_helper(&imu, &options.domain).ok(),
+            asked: Asked::Nothing,
             domain: options.domain.clone(),
             imu,
             state: ReaderState::new(),
             order: SequenceTracker::default(),
             last: None,
             times: PublicationTimes::default(),
-            next_attempt: Instant::now(),
             next_event_attempt: Instant::now(),
             heartbeat_ns: None,
             next_look_ns: 0,
             has_received: false,
             descriptor: None,
             status: None,
-            arrival: None,
-            subscriber: None,
-            node: None,
+            ports,
         }
     }
 
@@ -139,16 +144,16 @@ impl<T: Payload> Reader<T> {
     /// # Errors
     /// If it could not connect in that time.
     pub fn connect(imu: ImuId, options: &Options) -> Result<Self, ConnectError> {
-        let mut reader = Self::unconnected(imu, options);
-        retry_until(deadline(options.timeout), || reader.attach())?;
-        Ok(reader)
+        let (domain, mut node) = (&options.domain, None);
+        let ports = retry_until(deadline(options.timeout), || ReaderPorts::attach(&mut node, domain, &imu))?;
+        Ok(Self::with(Some(ports), imu, options))
     }
 
     /// Whether the stream has been found. Stays true when the service stops; false while the reader is cut off from the
     /// stream, since its shared memory was removed.
     #[must_use]
     pub const fn is_connected(&self) -> bool {
-        self.subscriber.is_some()
+        self.ports.is_some()
     }
 
     /// The IMU.
@@ -203,7 +208,7 @@ impl<T: Payload> Reader<T> {
         if polls {
             self.find_event();
         }
-        let Some(arrival) = self.arrival.as_ref().filter(|_| polls) else {
+        let Some(arrival) = self.arrival().filter(|_| polls) else {
             return Ok(received);
         };
         // What comes after the event is lowered raises it again.
@@ -212,12 +217,13 @@ impl<T: Payload> Reader<T> {
     }
 
     fn next(&mut self) -> Result<Option<T>, ConnectError> {
-        let Some(subscriber) = &self.subscriber else {
-            return self.try_attach().map(|()| None);
-        };
+        if self.ports.is_none() {
+            self.join()?;
+        }
         loop {
+            let Some(ports) = &self.ports else { return Ok(None) };
             let sample =
-                T::receive(subscriber).map_err(|error| ConnectError::transport("reading the stream", error))?;
+                T::receive(&ports.subscriber).map_err(|error| ConnectError::transport("reading the stream", error))?;
             let Some(received) = sample.map(taken) else {
                 let now = coarse_ns();
                 self.times.drained(now);
@@ -255,58 +261,113 @@ impl<T: Payload> Reader<T> {
                 continue;
             }
             self.find_event();
-            match &self.arrival {
+            match self.arrival() {
                 Some(arrival) => arrival.wait(left),
                 None => thread::sleep(left.min(POLL)),
             }
         }
     }
 
+    const fn arrival(&self) -> Option<&ArrivalEvent> {
+        match &self.ports {
+            Some(ports) => ports.arrival.as_ref(),
+            None => None,
+        }
+    }
+
     /// Opens the event of a connected reader, if its stream has one.
     fn listen(&mut self) -> Result<(), ConnectError> {
-        let Self { arrival, node: Some(node), imu, domain, .. } = self else { return Ok(()) };
-        if arrival.is_none() && T::HAS_EVENT {
-            *arrival = ArrivalEvent::open(node, imu)?;
-            reserve(domain)?;
-            if let (Some(descriptor), Some(arrival)) = (&self.descriptor, &self.arrival) {
-                watch(descriptor, arrival)?;
-            }
+        let Some(ports) = self.ports.as_mut().filter(|ports| ports.arrival.is_none()) else { return Ok(()) };
+        ports.listen(&self.domain, &self.imu)?;
+        self.watch_event()
+    }
+
+    /// Has the descriptor of the caller show the event.
+    fn watch_event(&self) -> Result<(), ConnectError> {
+        match (&self.descriptor, self.arrival()) {
+            (Some(descriptor), Some(arrival)) => watch(descriptor, arrival),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Opens the event if there is none yet and it is time to look for it again. Without it the reader polls, which
     /// costs more and loses nothing.
     fn find_event(&mut self) {
-        if self.arrival.is_none() && Instant::now() >= self.next_event_attempt {
+        if self.arrival().is_none() && Instant::now() >= self.next_event_attempt {
             self.next_event_attempt = Instant::now() + EVENT_RETRY;
             let _ = self.listen();
         }
     }
 
-    /// While nothing comes: looks whether the reader was cut off from the stream, and leaves it then. The next call
-    /// joins it again.
+    /// While nothing comes: has the helper thread look whether the reader is cut off from the stream, and leaves it
+    /// then.
     fn look_for_loss(&mut self, now: u64) {
+        if let Some(Answer::Loss(true)) = self.answer() {
+            return self.leave();
+        }
         if now < self.next_look_ns {
             return;
         }
         self.next_look_ns = now + LOOK_NS;
-        if core::mem::take(&mut self.has_received) {
-            return;
+        if let (false, Asked::Nothing, Some(ports)) = (mem::take(&mut self.has_received), &self.asked, &self.ports) {
+            self.ask(Question::Loss(Arc::clone(&ports.objects)));
         }
-        let Some(subscriber) = &self.subscriber else { return };
-        let ports = [subscriber.id().value()];
-        let removed = removed_object(&self.domain).map(Loss::Removed);
-        let Some(loss) = removed.or_else(|| taken_connection(&self.domain, &ports).map(Loss::Taken)) else { return };
-        warn(&self.imu, format_args!("a reader is cut off from the service: {loss}; joining the stream again"));
+    }
+
+    fn leave(&mut self) {
         if let Some(status) = self.status.take() {
             status.lose();
         }
-        (self.arrival, self.subscriber) = (None, None);
-        if matches!(loss, Loss::Removed(_)) {
-            self.node = None;
-        }
+        let listens = self.arrival().is_some();
+        let old = self.ports.take().map(MovedPorts::new);
         self.next_event_attempt = Instant::now();
+        self.ask(Question::Ports { old, listens });
+    }
+
+    /// Has the helper thread connect the reader, and takes the ports as soon as they are there.
+    fn join(&mut self) -> Result<(), ConnectError> {
+        match self.answer() {
+            Some(Answer::Ports(Ok(Some(ports)))) => {
+                self.ports = Some(ports.take());
+                self.watch_event()
+            }
+            Some(Answer::Ports(Err(error))) => Err(error),
+            _ if self.helper.is_none() => {
+                Err(ConnectError::Exhausted("the helper thread of a reader could not be started".to_owned()))
+            }
+            _ => {
+                if matches!(self.asked, Asked::Nothing) {
+                    self.ask(Question::Ports { old: None, listens: self.descriptor.is_some() });
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn ask(&mut self, question: Question<T>) {
+        self.asked = match self.helper.as_ref().map(|helper| helper.ask(question)) {
+            Some(Ok(())) => Asked::Something,
+            Some(Err(question)) => Asked::NotYet(question),
+            None => Asked::Nothing,
+        };
+    }
+
+    /// What the helper thread has answered.
+    fn answer(&mut self) -> Option<Answer<T>> {
+        match mem::take(&mut self.asked) {
+            Asked::Nothing => None,
+            Asked::NotYet(question) => {
+                self.ask(question);
+                None
+            }
+            Asked::Something => {
+                let answer = self.helper.as_ref().and_then(ReaderHelper::answer);
+                if answer.is_none() {
+                    self.asked = Asked::Something;
+                }
+                answer
+            }
+        }
     }
 
     /// How long ago the service's worker of this IMU was last seen at work: under 0.3 s while the service lives and is
@@ -319,9 +380,9 @@ impl<T: Payload> Reader<T> {
     /// If the status cannot be read, as when all its places are taken or it is of another version.
     pub fn heartbeat_age(&mut self) -> Result<Option<Duration>, ConnectError> {
         if !self.is_connected() {
-            self.try_attach()?;
+            self.join()?;
         }
-        if self.node.is_none() {
+        if !self.is_connected() {
             return Ok(None);
         }
         let unread = |error: StatusError| error.connecting(&self.domain);
@@ -338,43 +399,6 @@ impl<T: Payload> Reader<T> {
         };
         self.heartbeat_ns = status.heartbeat_ns(&self.imu).map_err(unread)?.or(self.heartbeat_ns);
         Ok(self.heartbeat_ns.map(|beat| Duration::from_nanos(monotonic_ns().saturating_sub(beat))))
-    }
-
-    fn try_attach(&mut self) -> Result<(), ConnectError> {
-        if Instant::now() < self.next_attempt {
-            return Ok(());
-        }
-        self.next_attempt = Instant::now() + RETRY;
-        match self.attach() {
-            Err(
-                ConnectError::NoService(_)
-                | ConnectError::NoSuchImu { .. }
-                | ConnectError::Foreign(_)
-                | ConnectError::Transport { .. },
-            ) => Ok(()),
-            other => other,
-        }
-    }
-
-    fn attach(&mut self) -> Result<(), ConnectError> {
-        let node = match &self.node {
-            Some(node) => node,
-            None => self.node.insert(join_existing(&self.domain)?),
-        };
-        refuse_foreign(&self.domain)?;
-        let name = T::stream(&self.imu);
-        let stream = T::open(node, &name);
-        let stream = stream.map_err(|error| unopened(node, &self.domain, &self.imu, &name, error))?;
-        let subscriber = T::subscriber(&stream, None).map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                nodes::clean(node);
-                ConnectError::no_room(&self.domain, &self.imu, &stream)
-            }
-            other => ConnectError::transport("subscribing to the stream", other),
-        })?;
-        reserve(&self.domain)?;
-        self.subscriber = Some(subscriber);
-        Ok(())
     }
 }
 
@@ -447,7 +471,7 @@ impl Reader<CompensatedIncrement> {
             Some(descriptor) => descriptor,
             None => {
                 let no_service = || ConnectError::NoService(self.domain.name().to_owned());
-                let arrival = self.arrival.as_ref().ok_or_else(no_service)?;
+                let arrival = self.arrival().ok_or_else(no_service)?;
                 let failed = |error| ConnectError::transport("making a descriptor", error);
                 let descriptor = epoll::create(epoll::CreateFlags::CLOEXEC).map_err(failed)?;
                 watch(&descriptor, arrival)?;
