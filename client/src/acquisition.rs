@@ -23,7 +23,7 @@ use core::mem;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
-use joining::{Answer, Asked, Question, REJOIN_NS, start_helper};
+use joining::{Answer, Question, REJOIN_NS, start_helper};
 use ports::AcquisitionPorts;
 use std::hash::{BuildHasher as _, RandomState};
 use std::rc::Rc;
@@ -75,7 +75,6 @@ pub struct Acquisition {
     rejoin_after_ns: u64,
     /// `None` while it is cut off from the streams.
     ports: Option<AcquisitionPorts>,
-    asked: Asked,
     helper: Helper<Question, Answer>,
     process: Process,
 }
@@ -107,7 +106,6 @@ impl Acquisition {
             next_look_ns: 0,
             rejoin_after_ns: REJOIN_NS,
             ports: Some(ports),
-            asked: Asked::Nothing,
             helper: start_helper(imu, domain)?,
             process: Process::current(),
         })

@@ -8,7 +8,7 @@
 )]
 
 use crate::process::Process;
-use core::mem::MaybeUninit;
+use core::mem::{self, MaybeUninit};
 use core::sync::atomic::{AtomicBool, Ordering};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,9 +21,20 @@ const STACK: usize = 512 * 1024;
 /// The helper thread, which answers questions `Q` by `A`, one at a time.
 #[derive(Debug)]
 pub(crate) struct Helper<Q, A> {
+    asked: Asked<Q>,
     desk: Arc<Desk<Q, A>>,
     thread: Option<JoinHandle<()>>,
     process: Process,
+}
+
+/// What the thread has been asked for.
+#[derive(Debug)]
+enum Asked<Q> {
+    Nothing,
+    /// This, which it could not be given yet.
+    NotYet(Q),
+    /// Something that it has not answered yet.
+    Something,
 }
 
 /// Where question and answer lie.
@@ -63,26 +74,44 @@ impl<Q: Send + 'static, A: Send + 'static> Helper<Q, A> {
         };
         let builder = thread::Builder::new().name("isotherm-helper".to_owned()).stack_size(STACK);
         let thread = with_signals_blocked(|| builder.spawn(work))?;
-        Ok(Self { desk, thread: Some(thread), process: Process::current() })
+        Ok(Self { asked: Asked::Nothing, desk, thread: Some(thread), process: Process::current() })
     }
 
-    /// Asks, after the last question has been answered. Gives the question back if the thread is at the desk just now.
-    pub(crate) fn ask(&self, question: Q) -> Result<(), Q> {
-        let Ok(mut papers) = self.desk.papers.try_lock() else { return Err(question) };
-        papers.0 = Some(question);
-        drop(papers);
+    /// Whether the last question has been answered, so that another one may be asked.
+    pub(crate) const fn is_free(&self) -> bool {
+        matches!(self.asked, Asked::Nothing)
+    }
+
+    /// Asks. A question that is under way is forgotten.
+    pub(crate) fn ask(&mut self, question: Q) {
+        self.asked = match self.desk.papers.try_lock() {
+            Ok(mut papers) => {
+                papers.0 = Some(question);
+                Asked::Something
+            }
+            // The thread is at the desk just now. The next look for the answer asks again.
+            Err(_) => Asked::NotYet(question),
+        };
         self.thread.iter().for_each(|thread| thread.thread().unpark());
-        Ok(())
     }
 
     /// The answer, once, if it is there.
-    pub(crate) fn answer(&self) -> Option<A> {
+    pub(crate) fn answer(&mut self) -> Option<A> {
+        match mem::replace(&mut self.asked, Asked::Nothing) {
+            Asked::Nothing => return None,
+            Asked::NotYet(question) => {
+                self.ask(question);
+                return None;
+            }
+            Asked::Something => self.asked = Asked::Something,
+        }
         if !self.desk.is_answered.load(Ordering::Acquire) {
             return None;
         }
-        let answer = self.desk.papers.try_lock().ok()?.1.take();
+        let answer = self.desk.papers.try_lock().ok()?.1.take()?;
         self.desk.is_answered.store(false, Ordering::Relaxed);
-        answer
+        self.asked = Asked::Nothing;
+        Some(answer)
     }
 }
 
@@ -157,7 +186,8 @@ mod tests {
     use super::*;
     use std::fs;
 
-    fn wait<A: Send + 'static>(helper: &Helper<u64, A>) -> A {
+    fn answer<A: Send + 'static>(helper: &mut Helper<u64, A>, question: u64) -> A {
+        helper.ask(question);
         loop {
             if let Some(answer) = helper.answer() {
                 return answer;
@@ -166,36 +196,29 @@ mod tests {
         }
     }
 
-    fn ask<A: Send + 'static>(helper: &Helper<u64, A>, question: u64) {
-        while helper.ask(question).is_err() {
-            thread::yield_now();
-        }
-    }
-
     #[test]
     fn each_question_has_one_answer() {
         let mut sum = 0;
-        let helper = Helper::start(move |question: u64, _: &dyn Fn() -> bool| {
+        let mut helper = Helper::start(move |question: u64, _: &dyn Fn() -> bool| {
             sum += question;
             sum
         })
         .unwrap();
         for (question, expected) in [(1, 1), (2, 3), (3, 6)] {
-            ask(&helper, question);
-            assert_eq!(wait(&helper), expected);
-            assert!(helper.answer().is_none());
+            assert_eq!(answer(&mut helper, question), expected);
+            assert!(helper.is_free() && helper.answer().is_none());
         }
     }
 
     #[test]
     fn closing_ends_what_is_under_way() {
-        let helper = Helper::start(|_: u64, is_closing: &dyn Fn() -> bool| {
+        let mut helper = Helper::start(|_: u64, is_closing: &dyn Fn() -> bool| {
             while !is_closing() {
                 thread::yield_now();
             }
         })
         .unwrap();
-        ask(&helper, 1);
+        helper.ask(1);
         drop(helper);
     }
 
@@ -209,9 +232,8 @@ mod tests {
         let all = cores().1;
         let bound = thread::spawn(move || {
             crate::Realtime { core: Some(0), ..crate::Realtime::default() }.apply().unwrap();
-            let helper = Helper::start(move |_: u64, _: &dyn Fn() -> bool| cores()).unwrap();
-            ask(&helper, 1);
-            (wait(&helper), cores())
+            let mut helper = Helper::start(move |_: u64, _: &dyn Fn() -> bool| cores()).unwrap();
+            (answer(&mut helper, 1), cores())
         });
         let ((blocked, helpers), (own_blocked, own)) = bound.join().unwrap();
         // All but those that cannot be blocked: the two of the kernel, and the two of the C library.

@@ -88,20 +88,8 @@ pub struct Reader<T: Payload> {
     status: Option<Arc<SharedStatus>>,
     /// `None` while it is not connected.
     ports: Option<ReaderPorts<T>>,
-    asked: Asked<T>,
     /// `None` if the thread could not be started.
     helper: Option<ReaderHelper<T>>,
-}
-
-/// What a reader has asked its helper thread for.
-#[derive(Debug, Default)]
-enum Asked<T: Payload> {
-    #[default]
-    Nothing,
-    /// This, which the thread could not be given yet.
-    NotYet(Question<T>),
-    /// Something that it has not answered yet.
-    Something,
 }
 
 impl<T: Payload> Reader<T> {
@@ -122,7 +110,6 @@ impl<T: Payload> Reader<T> {
     fn with(ports: Option<ReaderPorts<T>>, imu: ImuId, options: &Options) -> Self {
         Self {
             helper: start_helper(&imu, &options.domain).ok(),
-            asked: Asked::Nothing,
             domain: options.domain.clone(),
             imu,
             state: ReaderState::new(),
@@ -302,15 +289,16 @@ impl<T: Payload> Reader<T> {
     /// While nothing comes: has the helper thread look whether the reader is cut off from the stream, and leaves it
     /// then.
     fn look_for_loss(&mut self, now: u64) {
-        if let Some(Answer::Loss(true)) = self.answer() {
+        let Some(helper) = &mut self.helper else { return };
+        if let Some(Answer::Loss(true)) = helper.answer() {
             return self.leave();
         }
         if now < self.next_look_ns {
             return;
         }
         self.next_look_ns = now + LOOK_NS;
-        if let (false, Asked::Nothing, Some(ports)) = (mem::take(&mut self.has_received), &self.asked, &self.ports) {
-            self.ask(Question::Loss(Arc::clone(&ports.objects)));
+        if let (false, true, Some(ports)) = (mem::take(&mut self.has_received), helper.is_free(), &self.ports) {
+            helper.ask(Question::Loss(Arc::clone(&ports.objects)));
         }
     }
 
@@ -321,51 +309,26 @@ impl<T: Payload> Reader<T> {
         let listens = self.arrival().is_some();
         let old = self.ports.take().map(MovedPorts::new);
         self.next_event_attempt = Instant::now();
-        self.ask(Question::Ports { old, listens });
+        if let Some(helper) = &mut self.helper {
+            helper.ask(Question::Ports { old, listens });
+        }
     }
 
     /// Has the helper thread connect the reader, and takes the ports as soon as they are there.
     fn join(&mut self) -> Result<(), ConnectError> {
-        match self.answer() {
-            Some(Answer::Ports(Ok(Some(ports)))) => {
-                self.ports = Some(ports.take());
+        let Some(helper) = &mut self.helper else {
+            return Err(ConnectError::Exhausted("the helper thread of a reader could not be started".to_owned()));
+        };
+        match helper.answer() {
+            Some(Answer::Ports(ports)) => {
+                self.ports = ports?.map(MovedPorts::take);
                 self.watch_event()
             }
-            Some(Answer::Ports(Err(error))) => Err(error),
-            _ if self.helper.is_none() => {
-                Err(ConnectError::Exhausted("the helper thread of a reader could not be started".to_owned()))
-            }
-            _ => {
-                if matches!(self.asked, Asked::Nothing) {
-                    self.ask(Question::Ports { old: None, listens: self.descriptor.is_some() });
+            Some(Answer::Loss(_)) | None => {
+                if helper.is_free() {
+                    helper.ask(Question::Ports { old: None, listens: self.descriptor.is_some() });
                 }
                 Ok(())
-            }
-        }
-    }
-
-    fn ask(&mut self, question: Question<T>) {
-        self.asked = match self.helper.as_ref().map(|helper| helper.ask(question)) {
-            Some(Ok(())) => Asked::Something,
-            Some(Err(question)) => Asked::NotYet(question),
-            None => Asked::Nothing,
-        };
-    }
-
-    /// What the helper thread has answered.
-    fn answer(&mut self) -> Option<Answer<T>> {
-        match mem::take(&mut self.asked) {
-            Asked::Nothing => None,
-            Asked::NotYet(question) => {
-                self.ask(question);
-                None
-            }
-            Asked::Something => {
-                let answer = self.helper.as_ref().and_then(ReaderHelper::answer);
-                if answer.is_none() {
-                    self.asked = Asked::Something;
-                }
-                answer
             }
         }
     }

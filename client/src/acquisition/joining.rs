@@ -9,7 +9,6 @@ use crate::loss::{Loss, OwnObjects};
 use crate::peers::{is_alive, publisher_of};
 use crate::status::fetch_status;
 use crate::warning::warn;
-use core::mem;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::status::ServiceStatus;
 use std::rc::Rc;
@@ -49,17 +48,6 @@ pub(super) enum Answer {
     Ports(Option<MovedPorts<AcquisitionPorts>>),
     /// `None` if it cannot be read.
     Status(Option<Box<ServiceStatus>>),
-}
-
-/// What an acquisition has asked its helper thread for.
-#[derive(Debug, Default)]
-pub(super) enum Asked {
-    #[default]
-    Nothing,
-    /// This, which the thread could not be given yet.
-    NotYet(Box<Question>),
-    /// Something that it has not answered yet.
-    Something,
 }
 
 /// Starts the helper thread of an acquisition.
@@ -103,28 +91,16 @@ fn join(imu: &ImuId, domain: &Domain, is_closing: &dyn Fn() -> bool) -> Option<A
 }
 
 impl Acquisition {
-    fn ask(&mut self, question: Question) {
-        self.asked = match self.helper.ask(question) {
-            Ok(()) => Asked::Something,
-            Err(question) => Asked::NotYet(Box::new(question)),
-        };
-    }
-
     /// Takes what the helper thread has answered. `now` is `CLOCK_MONOTONIC` \[ns\].
     pub(super) fn take_answer(&mut self, now: u64) {
-        match mem::take(&mut self.asked) {
-            Asked::Nothing => {}
-            Asked::NotYet(question) => self.ask(*question),
-            Asked::Something => match self.helper.answer() {
-                None => self.asked = Asked::Something,
-                Some(Answer::Loss(true)) => self.leave(),
-                Some(Answer::Ports(Some(ports))) => {
-                    self.ports = Some(ports.take());
-                    self.state.rejoined(now);
-                }
-                Some(Answer::Status(Some(status))) => self.lag.learn(&status, &self.imu),
-                Some(Answer::Loss(false) | Answer::Ports(None) | Answer::Status(None)) => {}
-            },
+        match self.helper.answer() {
+            Some(Answer::Loss(true)) => self.leave(),
+            Some(Answer::Ports(Some(ports))) => {
+                self.ports = Some(ports.take());
+                self.state.rejoined(now);
+            }
+            Some(Answer::Status(Some(status))) => self.lag.learn(&status, &self.imu),
+            Some(Answer::Loss(false) | Answer::Ports(None) | Answer::Status(None)) | None => {}
         }
     }
 
@@ -135,12 +111,12 @@ impl Acquisition {
             self.rejoin_after_ns = REJOIN_NS;
             return;
         }
-        let (Some(ports), Asked::Nothing) = (&self.ports, &self.asked) else { return };
-        if now >= self.next_look_ns {
+        let Some(ports) = &self.ports else { return };
+        if now >= self.next_look_ns && self.helper.is_free() {
             self.next_look_ns = now + LOOK_NS;
             let service = publisher_of(&ports.increments).filter(|_| silence_ns >= self.rejoin_after_ns);
             let silence = service.map(|(_, node)| (Duration::from_nanos(silence_ns), node.value()));
-            self.ask(Question::Loss { objects: Arc::clone(&ports.objects), silence });
+            self.helper.ask(Question::Loss { objects: Arc::clone(&ports.objects), silence });
         }
     }
 
@@ -150,17 +126,17 @@ impl Acquisition {
         // What is on loan shares counts with the ports, which are then left in this thread.
         let moves = |ports: &AcquisitionPorts| Rc::strong_count(&ports.generation) == 1;
         let old = self.ports.take().filter(moves).map(MovedPorts::new);
-        self.ask(Question::Ports(old));
+        self.helper.ask(Question::Ports(old));
     }
 
     /// Has the helper thread read the status, if the lag needs it.
     pub(super) fn renew_lag(&mut self) {
-        if !matches!(self.asked, Asked::Nothing) {
+        if !self.helper.is_free() {
             let now = self.clock.now();
             self.take_answer(now);
         }
-        if matches!(self.asked, Asked::Nothing) && self.lag.asks() {
-            self.ask(Question::Status);
+        if self.helper.is_free() && self.lag.asks() {
+            self.helper.ask(Question::Status);
         }
     }
 }
