@@ -951,7 +951,7 @@ uint64_t isotherm_session(const isotherm_acquisition *acquisition);
  * It fails while samples are unanswered or kept. If the device resets meanwhile, with a clock or counter that begins
  * anew, go on with isotherm_send_kept and isotherm_receive until isotherm_in_flight and isotherm_kept are 0, hold the
  * new samples back until then, and begin the session for the first of them. If the service does not come back, close
- * the handle, which tells what is lost, and connect again: that begins a session too.
+ * the handle, which reports what is lost, and connect again: that begins a session too.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered or kept.
  */
@@ -987,7 +987,7 @@ isotherm_code isotherm_reading(isotherm_acquisition *acquisition, uint32_t senso
  *
  * ISOTHERM_OK.
  */
-isotherm_code isotherm_reading_of_all(isotherm_acquisition *acquisition, double telemetry, uint64_t time_ns);
+isotherm_code isotherm_reading_of_all(isotherm_acquisition *acquisition, double temperature, uint64_t time_ns);
 
 /**
  * The time constant that samples are sent with [ns]; 0 while there is none, and for a handle that cannot be used.

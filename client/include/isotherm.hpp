@@ -300,9 +300,9 @@ public:
     }
 
     /// Takes a new reading of one head temperature that all sensors share, as of an IMU with one thermometer.
-    Result<void> reading_of_all(double telemetry, std::uint64_t time_ns)
+    Result<void> reading_of_all(double temperature, std::uint64_t time_ns)
     {
-        return detail::done(isotherm_reading_of_all(handle_.get(), telemetry, time_ns));
+        return detail::done(isotherm_reading_of_all(handle_.get(), temperature, time_ns));
     }
 
     /// The time constant that samples are sent with [ns]; 0 while there is none.

@@ -554,7 +554,7 @@ pub unsafe extern "C" fn isotherm_session(acquisition: *const isotherm_acquisiti
 /// It fails while samples are unanswered or kept. If the device resets meanwhile, with a clock or counter that begins
 /// anew, go on with isotherm_send_kept and isotherm_receive until isotherm_in_flight and isotherm_kept are 0, hold the
 /// new samples back until then, and begin the session for the first of them. If the service does not come back, close
-/// the handle, which tells what is lost, and connect again: that begins a session too.
+/// the handle, which reports what is lost, and connect again: that begins a session too.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_IN_FLIGHT if samples are unanswered or kept.
 #[unsafe(no_mangle)]

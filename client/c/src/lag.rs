@@ -66,11 +66,11 @@ pub unsafe extern "C" fn isotherm_reading(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_reading_of_all(
     acquisition: *mut isotherm_acquisition,
-    telemetry: f64,
+    temperature: f64,
     time_ns: u64,
 ) -> isotherm_code {
     with(acquisition, |content| {
-        content.acquisition.lag().reading_of_all(telemetry, time_ns);
+        content.acquisition.lag().reading_of_all(temperature, time_ns);
         Ok(())
     })
 }
