@@ -180,7 +180,7 @@ fn cores_fault(config: &Config) -> Option<String> {
     }
 }
 
-/// The limits of `max_change` in a section; those that are not given are as in `others`.
+/// The limits of `max_change` in a section; those that are not given are as in `others`, if they are given there.
 fn max_change(section: &Section<'_, '_>, others: MaxChange) -> MaxChange {
     let mut limits = others;
     let Some(given) = section.optional_section("max_change") else { return limits };
@@ -194,7 +194,7 @@ fn max_change(section: &Section<'_, '_>, others: MaxChange) -> MaxChange {
         let bound = limit.bound();
         let read = given.optional_string(bound.name).map(|text| bound.parse(text, "give a number with a unit"));
         match read {
-            Some(Ok(number)) => *value = number,
+            Some(Ok(number)) => *value = Some(number),
             Some(Err(fault)) => given.fault(bound.name, fault),
             None => {}
         }
@@ -328,9 +328,9 @@ mod tests {
         let cores = vec![1, 3];
         assert_eq!(config.realtime, WorkerRealtime { cores, priority: Some(60), lock_memory: true, timer_slack_ns });
         assert_eq!(config.at_start, AtStart::Exit);
-        let all = MaxChange { bias: 20.0 * 1e-3, scale: 1000.0 * 1e-6, alignment: 1e-3, ..MaxChange::default() };
+        let all = MaxChange { bias: Some(20.0 * 1e-3), scale: Some(1000.0 * 1e-6), rate: None, alignment: Some(1e-3) };
         assert_eq!([config.imus[0].max_change, config.max_change], [all; 2]);
-        assert_eq!(config.imus[1].max_change, MaxChange { scale: 2.0 * 1e-2, rate: 5.0, ..all });
+        assert_eq!(config.imus[1].max_change, MaxChange { scale: Some(2.0 * 1e-2), rate: Some(5.0), ..all });
     }
 
     #[test]

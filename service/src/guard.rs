@@ -1,10 +1,10 @@
 //! Whether a new table may take the place of the one that was in force before: a lost digit must not go into the air.
 //!
-//! The tables are compared by [`TableDifference`], without errors or statistics. A new table is compared with the one
-//! that was in force last, within the limits; and with an *anchor*, the table of the first start or the last one that
-//! was accepted, within three times the limits, so that many small steps do not add up unseen. Gyroscopes are compared
-//! with those of the last table that had any. [`KeptTables`] keeps these tables over a restart, so that a restart
-//! installs no table that a reload has refused.
+//! The tables are compared by [`TableDifference`]. A new table is compared with the one that was in force last, within
+//! the limits that the configuration gives, or that follow from what that table states of its errors and ranges; and
+//! with an *anchor*, the table of the first start or the last one that was accepted, within three times the limits, so
+//! that many small steps do not add up unseen. Gyroscopes are compared with those of the last table that had any.
+//! [`KeptTables`] keeps these tables over a restart, so that a restart installs no table that a reload has refused.
 //!
 //! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
 
@@ -129,19 +129,19 @@ impl Guard {
         difference: &TableDifference,
         table: &CoefficientTable,
     ) -> Vec<String> {
-        let mut refusals = self.limits.refusals(difference);
+        let mut refusals = self.limits.refusals(difference, 1.0);
         if let Some(gyroscopes) = self.memory.gyroscopes.as_ref().filter(|_| reference.content().gyroscopes.is_none()) {
             let difference = TableDifference::of_gyroscopes(gyroscopes, table);
             let digest = gyroscopes.digest();
             let with = |refusal| format!("{refusal}, compared with the last table that had gyroscopes, {digest}");
-            refusals.extend(self.limits.refusals(&difference).into_iter().map(with));
+            refusals.extend(self.limits.refusals(&difference, 1.0).into_iter().map(with));
         }
         if refusals.is_empty()
             && let Some(anchor) = &self.memory.anchor
         {
             let difference = TableDifference::of(anchor, table);
             let with = |refusal| format!("{refusal}, in all steps since the anchor, {}", anchor.digest());
-            refusals.extend(self.limits.times(ANCHOR_FACTOR).refusals(&difference).into_iter().map(with));
+            refusals.extend(self.limits.refusals(&difference, ANCHOR_FACTOR).into_iter().map(with));
         }
         refusals
     }
@@ -191,6 +191,9 @@ impl Guard {
 pub(crate) fn is_accepted(digest: &Digest, accepted: &[Acceptance]) -> bool {
     accepted.iter().any(|acceptance| acceptance.is_of(digest))
 }
+
+#[cfg(test)]
+mod measured;
 
 #[cfg(test)]
 mod tests {
@@ -302,6 +305,22 @@ mod tests {
         let exchanged = guarded.take(&table(&other.replace("c0 = 793.55", "c0 = 800.0"))).unwrap_err();
         assert!(exchanged.contains("imu.serial"), "{exchanged}");
         assert!(guarded.take(&table(&other)).unwrap().contains("serial 7 -> 8"));
+    }
+
+    #[test]
+    fn a_sealed_table_is_followed_by_an_unsealed_one_only_with_acceptance() {
+        let sealed = table(&raised(0.0).to_toml());
+        let mut guarded = GuardedImu::new(KeptTables::default());
+        guarded.take(&sealed).unwrap();
+        // The same table without its digest is no way round.
+        guarded.take(&raised(0.0)).unwrap();
+        let refusal = guarded.take(&raised(0.001)).unwrap_err();
+        assert!(refusal.contains("seal it with `check --seal`") && refusal.contains("--accept sha256:"), "{refusal}");
+        guarded.take(&table(&raised(0.001).to_toml())).unwrap();
+        guarded.accept(&raised(0.002));
+        guarded.take(&raised(0.002)).unwrap();
+        guarded.take(&raised(0.003)).unwrap();
+        guarded.take(&sealed).unwrap();
     }
 
     #[test]

@@ -15,7 +15,7 @@
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
 use isotherm_files::{Trust, load_table, read_text, replace, uninterrupted};
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, UNSEALED};
 use isotherm_support::failure::shown;
 use rustix::fs::{FsWord, statfs};
 use sha2::{Digest as _, Sha256};
@@ -74,6 +74,11 @@ impl KeptTables {
     /// Notes that this table is in force now, and that it is the anchor if it was accepted or there is none.
     pub(crate) fn take(&mut self, table: &Arc<CoefficientTable>, accepted: bool) {
         let has_gyroscopes = |table: &Arc<CoefficientTable>| table.content().gyroscopes.is_some();
+        // The same table without its digest is no unsealed table yet, so that none can follow it unnoticed.
+        let is_unsealed = |before: &&Arc<CoefficientTable>| {
+            before.digest() == table.digest() && before.is_sealed() && !table.is_sealed()
+        };
+        let table = &self.in_force.as_ref().filter(is_unsealed).unwrap_or(table).clone();
         let before = self.in_force.replace(Arc::clone(table));
         if has_gyroscopes(table) {
             self.gyroscopes = None;
@@ -236,13 +241,20 @@ fn noted_digest(domain: &Domain, imu: &ImuId) -> Option<String> {
 
 /// Whether a table that was kept need not be written again.
 fn is_same(one: &CoefficientTable, other: &CoefficientTable) -> bool {
-    one.digest() == other.digest() && one.is_nominal() == other.is_nominal()
+    let known = |table: &CoefficientTable| (*table.digest(), table.is_nominal(), table.is_sealed(), *table.errors());
+    known(one) == known(other)
 }
 
-/// A table that was kept without its provenance could not be distinguished from one that is not a calibration.
+/// The table as it is kept: with a digest, and with what its provenance says of its errors. A table that was kept without
+/// its provenance could not be distinguished from one that is not a calibration, nor one whose file has no digest from a
+/// sealed one.
 fn text_of(table: &CoefficientTable) -> String {
-    let provenance = if table.is_nominal() { "" } else { "\n[provenance]\ntool = \"isothermd\"\n" };
-    format!("# Kept by the service; docs/operate.md says what for.\n{}{provenance}", table.to_toml())
+    let tool = if table.is_nominal() { "" } else { "tool = \"isothermd\"\n" };
+    let unsealed = if table.is_sealed() { String::new() } else { format!("{UNSEALED} = true\n") };
+    let errors = table.errors().to_toml(table.content());
+    let provenance = format!("{tool}{unsealed}{errors}");
+    let heading = if provenance.is_empty() { "" } else { "\n[provenance]\n" };
+    format!("# Kept by the service; docs/operate.md says what for.\n{}{heading}{provenance}", table.to_toml())
 }
 
 /// What others can write or exchange is not believed: the folder must be this user's, and nobody else may be able to

@@ -472,7 +472,28 @@ impl<'d, 'a> Section<'d, 'a> {
 #[derive(Clone, Copy)]
 pub struct LenientSection<'d, 'a>(&'d DeTable<'a>);
 
-impl LenientSection<'_, '_> {
+impl<'d, 'a> LenientSection<'d, 'a> {
+    /// Whether it has only this key.
+    pub fn has_only(self, key: &str) -> bool {
+        self.0.keys().all(|found| found.get_ref() == key)
+    }
+
+    /// A section in it.
+    pub fn section(self, key: &str) -> Option<Self> {
+        self.0.get(key)?.get_ref().as_table().map(Self)
+    }
+
+    /// The sections of an array; none if it is none. What is no section in it is left out.
+    pub fn list(self, key: &str) -> Vec<LenientSection<'d, 'a>> {
+        let all = self.0.get(key).and_then(|value| value.get_ref().as_array());
+        all.into_iter().flatten().filter_map(|item| item.get_ref().as_table()).map(Self).collect()
+    }
+
+    /// Whether the value is `true`.
+    pub fn is_true(self, key: &str) -> bool {
+        self.0.get(key).and_then(|value| value.get_ref().as_bool()) == Some(true)
+    }
+
     /// Whether the key is there, with any value.
     pub fn has(self, key: &str) -> bool {
         self.0.contains_key(key)

@@ -254,7 +254,7 @@ pub struct ImuStatus {
     #[serde(default)]
     pub keep_error: Option<String>,
     /// Digest of the anchor: the table of the first start, or the last one that was accepted. No table may differ from
-    /// it by more than three times `max_change`. Null without a table.
+    /// it by more than three times its limits. Null without a table.
     #[serde(default)]
     pub anchor: Option<String>,
     /// The largest change of each curve from the anchor to the table in force.

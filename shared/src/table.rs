@@ -5,8 +5,10 @@ mod checks;
 pub(crate) mod content;
 pub mod difference;
 mod digest;
+mod errors;
 mod model;
 mod nominal;
+mod stated;
 mod toml;
 mod turntable;
 
@@ -15,7 +17,8 @@ pub use content::{
     AXIS_NAMES, Axis, Content, ContentFault, FORMAT, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
 };
 pub use digest::Digest;
+pub use errors::StatedErrors;
 pub use model::CoefficientTable;
 pub use nominal::{Nominal, Refusals, STANDARD_GRAVITY, nominal_content, nominal_table};
-pub use toml::{MAX_TABLE_BYTES, Seal, with_unchecked_digest};
+pub use toml::{MAX_TABLE_BYTES, Seal, UNSEALED, with_unchecked_digest};
 pub use turntable::Turntable;

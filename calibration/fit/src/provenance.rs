@@ -1,7 +1,7 @@
 //! The `[provenance]` section that `calibrate` writes below a table: the origin of the table and its uncertainty. It is
 //! not part of the digest, so an edited value passes unnoticed. It is for people and scripts. Programs read from it
 //! `gravity_local` and Earth's rate, which `verify` takes if the user states none, and the time and the errors of the
-//! table, see [`Origin`].
+//! table, see [`Origin`] and [`StatedErrors`](isotherm_shared::table::StatedErrors).
 
 mod device;
 mod document;

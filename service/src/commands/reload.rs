@@ -20,10 +20,11 @@ const KEPT_LIMIT: Duration = Duration::from_secs(10);
 
 /// Accept a table that changes too much
 ///
-/// A service refuses a new table that differs from the one in force by more than max_change. This command accepts it.
+/// A service refuses a new table that differs from the one in force by more than max_change, or by more than that table
+/// lets expect, and an unsealed one after a sealed one. This command accepts it.
 ///
 /// The service accepts only the table with this digest. Its log message and `status` show the digest. The table becomes
-/// the new anchor: later tables may differ from it by at most three times max_change. If the digest is that of the
+/// the new anchor: later tables may differ from it by at most three times their limits. If the digest is that of the
 /// table in force, that table becomes the anchor. The command waits until the table is kept. If no service is running,
 /// the next one accepts the table when it starts.
 #[derive(Debug, Args)]

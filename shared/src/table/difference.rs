@@ -1,5 +1,5 @@
-//! The plain difference of two tables: how much each curve and each alignment changes, without the errors of either.
-//! `compare` builds its bands on it; the service refuses a table that changes too much.
+//! The plain difference of two tables: how much each curve and each alignment changes. `compare` builds its bands on it;
+//! the service refuses a table that changes too much, by limits that may follow from the errors of the old one.
 //!
 //! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor
 //! changes is relative to its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in
@@ -7,6 +7,7 @@
 
 use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES, Gyroscopes, OutOfRange};
 use super::model::CoefficientTable;
+use super::stated::StatedLimits;
 use crate::bounds::{self, Bound};
 use crate::nominal::comparable;
 use crate::polynomial::Polynomial;
@@ -205,61 +206,76 @@ pub struct Change {
     pub unit: &'static str,
     /// Where, and both values, in words.
     pub values: String,
+    /// The largest size that follows from what the old table states of its errors and ranges, in `unit`.
+    pub stated: Option<f64>,
 }
 
-/// The largest changes that are taken.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The largest changes that are taken. A limit that is not given follows from what the old table states, and is
+/// [`MaxChange::WIDEST`] at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaxChange {
     /// \[g0\]
-    pub bias: f64,
+    pub bias: Option<f64>,
     /// Relative.
-    pub scale: f64,
+    pub scale: Option<f64>,
     /// \[deg/h\]
-    pub rate: f64,
+    pub rate: Option<f64>,
     /// \[rad\]
-    pub alignment: f64,
-}
-
-/// 100 mg0, 10 %, 1 deg/s, 100 mrad: more than any calibration changes, less than a lost digit.
-impl Default for MaxChange {
-    fn default() -> Self {
-        Self { bias: 0.1, scale: 0.1, rate: 3600.0, alignment: 0.1 }
-    }
+    pub alignment: Option<f64>,
 }
 
 impl MaxChange {
-    /// Limit of a change in its unit, and in the words of a configuration.
-    fn of(&self, limit: Limit) -> (f64, String) {
+    /// 100 mg0, 10 %, 1 deg/s, 100 mrad: more than any calibration of any IMU changes.
+    pub const WIDEST: Self = Self { bias: Some(0.1), scale: Some(0.1), rate: Some(3600.0), alignment: Some(0.1) };
+
+    /// A limit in its own unit, if it is given.
+    const fn given(&self, limit: Limit) -> Option<f64> {
         match limit {
-            Limit::Bias => (self.bias * 1e6, format!("{} mg0", rounded(self.bias * 1e3))),
-            Limit::Scale => (self.scale * 1e6, format!("{} %", rounded(self.scale * 1e2))),
-            Limit::Rate => (self.rate, format!("{} deg/h", rounded(self.rate))),
-            Limit::Alignment => (self.alignment * 1e3, format!("{} mrad", rounded(self.alignment * 1e3))),
+            Limit::Bias => self.bias,
+            Limit::Scale => self.scale,
+            Limit::Rate => self.rate,
+            Limit::Alignment => self.alignment,
         }
     }
 
-    /// Limits that are `factor` times as wide.
-    #[must_use]
-    pub fn times(self, factor: f64) -> Self {
-        let Self { bias, scale, rate, alignment } = self;
-        Self { bias: bias * factor, scale: scale * factor, rate: rate * factor, alignment: alignment * factor }
+    /// The largest size of a change, in its unit, and what is said of it.
+    fn of(&self, change: &Change, factor: f64) -> (f64, String) {
+        let (to_unit, shown, shown_unit) = match change.limit {
+            Limit::Bias => (1e6, 1e3, "mg0"),
+            Limit::Scale => (1e6, 1e2, "%"),
+            Limit::Rate => (1.0, 1.0, "deg/h"),
+            Limit::Alignment => (1e3, 1e3, "mrad"),
+        };
+        let (key, unit) = (change.limit.name(), change.unit);
+        let given = self.given(change.limit);
+        // Each limit has a widest value.
+        let most = given.or(Self::WIDEST.given(change.limit)).unwrap_or(0.0);
+        match change.stated.filter(|stated| given.is_none() && *stated < most * to_unit) {
+            Some(stated) => {
+                let stated = stated * factor;
+                let words = format!(
+                    "at most {} {unit} is taken, by the errors and ranges that the table before states, unless max_change.{key} is set",
+                    rounded(stated)
+                );
+                (stated, words)
+            }
+            None => {
+                let words =
+                    format!("at most {} {shown_unit} is taken (max_change.{key})", rounded(most * factor * shown));
+                (most * factor * to_unit, words)
+            }
+        }
     }
 
-    /// Why a table that differs so from the one before is refused; empty if it is taken.
+    /// Why a table that differs so from the one before is refused; empty if it is taken. The limits count `factor` times.
     #[must_use]
-    pub fn refusals(&self, difference: &TableDifference) -> Vec<String> {
+    pub fn refusals(&self, difference: &TableDifference, factor: f64) -> Vec<String> {
         let beyond = difference.changes.iter().filter_map(|change| {
-            let (most, words) = self.of(change.limit);
+            let (most, words) = self.of(change, factor);
             // NaN is beyond.
             let within = change.size <= most;
-            (!within).then(|| {
-                let Change { name, size, unit, values, limit } = change;
-                let key = limit.name();
-                format!(
-                    "{name} changes by {} {unit}, {values}; at most {words} is taken (max_change.{key})",
-                    rounded(*size)
-                )
-            })
+            let Change { name, size, unit, values, .. } = change;
+            (!within).then(|| format!("{name} changes by {} {unit}, {values}; {words}", rounded(*size)))
         });
         difference.incomparable.iter().cloned().chain(beyond).collect()
     }
@@ -273,7 +289,7 @@ pub struct TableDifference {
     /// What cannot be compared, whatever its size: another unit of the temperature, scale factors of another interval,
     /// too little of a range in common, gyroscopes that only one table has, a calibration and none
     /// ([`CoefficientTable::is_nominal`]), a policy that begins or ends to reject, another serial number with other
-    /// curves.
+    /// curves, a table without a digest after one that had it.
     pub incomparable: Vec<String>,
     /// All else that changes, in words.
     pub others: Vec<String>,
@@ -298,6 +314,8 @@ impl TableDifference {
     #[must_use]
     pub fn of(old: &CoefficientTable, new: &CoefficientTable) -> Self {
         let nominal = [old, new].map(CoefficientTable::is_nominal);
+        let stated = StatedLimits::of(old, new);
+        let loses_seal = old.is_sealed() && !new.is_sealed();
         let (old, new) = (old.content(), new.content());
         let mut found = Self { others: others(old, new), ..Self::default() };
         if old.imu != new.imu {
@@ -323,18 +341,22 @@ impl TableDifference {
             found.incomparable.push(text);
             return found;
         }
-        found.compare(old, new);
+        found.compare(old, new, &stated);
         found.policy([old.out_of_range, new.out_of_range]);
         found.serial([&old.serial, &new.serial]);
+        if loses_seal {
+            let text = "digest: the table before is sealed and this one is not, so it may be a part of a file; seal it with `check --seal`";
+            found.incomparable.push(text.to_owned());
+        }
         found
     }
 
     /// Compares all curves and alignments that both tables have.
-    fn compare(&mut self, old: &Content, new: &Content) {
-        self.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)]);
-        self.matrix("alignment", [old.alignment, new.alignment]);
+    fn compare(&mut self, old: &Content, new: &Content, stated: &StatedLimits<'_>) {
+        self.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)], stated);
+        self.matrix(SensorKind::Accelerometer, [old.alignment, new.alignment], stated);
         let incomparable = match (&old.gyroscopes, &new.gyroscopes) {
-            (Some(from), Some(to)) => return self.gyroscopes([(from, old.gravity), (to, new.gravity)]),
+            (Some(from), Some(to)) => return self.gyroscopes([(from, old.gravity), (to, new.gravity)], stated),
             (Some(_), None) => "the table before has gyroscopes, and this one has none",
             (None, Some(_)) => "this table has gyroscopes, and the one before has none",
             (None, None) => return,
@@ -346,22 +368,27 @@ impl TableDifference {
     /// temperature; otherwise nothing.
     #[must_use]
     pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
+        let stated = StatedLimits::of(old, new);
         let (old, new) = (old.content(), new.content());
         let mut found = Self::default();
         if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes)
             && old.temperature_unit == new.temperature_unit
         {
-            found.gyroscopes([(from, old.gravity), (to, new.gravity)]);
+            found.gyroscopes([(from, old.gravity), (to, new.gravity)], &stated);
         }
         found
     }
 
-    fn gyroscopes(&mut self, [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2]) {
-        self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)]);
-        for (name, pair) in GYROSCOPE_NAMES.iter().zip(from.g_sensitivity.iter().zip(&to.g_sensitivity)) {
-            self.g_sensitivity(name, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()]);
+    fn gyroscopes(
+        &mut self,
+        [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2],
+        stated: &StatedLimits<'_>,
+    ) {
+        self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)], stated);
+        for (axis, pair) in from.g_sensitivity.iter().zip(&to.g_sensitivity).enumerate() {
+            self.g_sensitivity(axis, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()], stated);
         }
-        self.matrix("gyroscope_alignment", [from.alignment, to.alignment]);
+        self.matrix(SensorKind::Gyroscope, [from.alignment, to.alignment], stated);
     }
 
     /// A policy that begins or ends to reject decides whether there are increments at all.
@@ -387,17 +414,22 @@ impl TableDifference {
         !self.incomparable.is_empty() || !self.changes.iter().all(|change| change.size == 0.0)
     }
 
-    fn sensors(&mut self, kind: SensorKind, [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2]) {
+    fn sensors(
+        &mut self,
+        kind: SensorKind,
+        [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2],
+        stated: &StatedLimits<'_>,
+    ) {
         for (axis, (from, to)) in old.iter().zip(new).enumerate() {
             let curves = [UnitCurve::of_sensor(kind, from, old_gravity), UnitCurve::of_sensor(kind, to, new_gravity)];
             for (quantity, (from, to)) in curves[0].iter().zip(&curves[1]).enumerate() {
-                self.curve((kind, axis, quantity), [from, to]);
+                self.curve((kind, axis, quantity), [from, to], stated);
             }
-            self.transient(kind, axis, [from, to], [curves[0][0].factor(), curves[1][0].factor()]);
+            self.transient((kind, axis), [from, to], [curves[0][0].factor(), curves[1][0].factor()], stated);
         }
     }
 
-    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&UnitCurve; 2]) {
+    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&UnitCurve; 2], stated: &StatedLimits<'_>) {
         let (kind, axis, quantity) = place;
         let name = format!("{} {}", kind.names()[axis], QUANTITIES[quantity]);
         let [old, new] = pair.map(|curve| curve.polynomial().range());
@@ -420,11 +452,19 @@ impl TableDifference {
             _ => Limit::Scale,
         };
         let values = format!("from {} to {} {of_values} at {}", values[0], values[1], rounded(temperature));
-        self.changes.push(Change { name, limit, size, unit: difference.unit, values });
+        let middle = pair[0].at(f64::midpoint(old[0], old[1]));
+        let stated = stated.curve(place, pair[0].factor() * unit_factor(kind, quantity, middle));
+        self.changes.push(Change { name, limit, size, unit: difference.unit, values, stated });
     }
 
     /// A transient times the range counts as bias.
-    fn transient(&mut self, kind: SensorKind, axis: usize, [old, new]: [&Axis; 2], factors: [f64; 2]) {
+    fn transient(
+        &mut self,
+        (kind, axis): (SensorKind, usize),
+        [old, new]: [&Axis; 2],
+        factors: [f64; 2],
+        stated: &StatedLimits<'_>,
+    ) {
         if old.transient == 0.0 && new.transient == 0.0 {
             return;
         }
@@ -439,22 +479,24 @@ impl TableDifference {
             [(old, factors[0]), (new, factors[1])].map(|(axis, own)| rounded(axis.transient * own * factor));
         let values = format!("from {from} to {to} {unit} a unit of temperature, times the range");
         let name = format!("{} transient", kind.names()[axis]);
-        self.changes.push(Change { name, limit, size: size * factor, unit, values });
+        let stated = stated.transient(kind, axis, factors[0] * factor * (high - low));
+        self.changes.push(Change { name, limit, size: size * factor, unit, values, stated });
     }
 
     /// A g-sensitivity counts as rate, at 1 g0.
-    fn g_sensitivity(&mut self, sensor: &str, [old, new]: [[f64; AXES]; 2]) {
+    fn g_sensitivity(&mut self, axis: usize, [old, new]: [[f64; AXES]; 2], stated: &StatedLimits<'_>) {
         let sizes = old.iter().zip(&new).map(|(old, new)| (new - old).abs());
         let size = sizes.fold(0.0, f64::max);
         if old != [0.0; AXES] || new != [0.0; AXES] {
             let values = format!("from {old:?} to {new:?} deg/h/g0 at 1 g0");
-            let name = format!("{sensor} g_sensitivity");
-            self.changes.push(Change { name, limit: Limit::Rate, size, unit: "deg/h", values });
+            let name = format!("{} g_sensitivity", GYROSCOPE_NAMES[axis]);
+            let stated = stated.g_sensitivity(axis);
+            self.changes.push(Change { name, limit: Limit::Rate, size, unit: "deg/h", values, stated });
         }
     }
 
     /// A table without a matrix has the identity.
-    fn matrix(&mut self, name: &str, pair: [Option<Matrix3<f64>>; 2]) {
+    fn matrix(&mut self, kind: SensorKind, pair: [Option<Matrix3<f64>>; 2], stated: &StatedLimits<'_>) {
         if pair == [None, None] {
             return;
         }
@@ -469,7 +511,19 @@ impl TableDifference {
             place.1 + 1
         );
         let size = difference[place].abs() * 1e3;
-        self.changes.push(Change { name: name.to_owned(), limit: Limit::Alignment, size, unit: "mrad", values });
+        let name = match kind {
+            SensorKind::Accelerometer => "alignment",
+            SensorKind::Gyroscope => "gyroscope_alignment",
+        };
+        let stated = stated.alignment(kind, &old).map(|limit| limit * 1e3);
+        self.changes.push(Change {
+            name: name.to_owned(),
+            limit: Limit::Alignment,
+            size,
+            unit: "mrad",
+            values,
+            stated,
+        });
     }
 }
 

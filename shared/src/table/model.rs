@@ -1,5 +1,6 @@
 //! The table: a valid content with its digest and its kernel.
 
+use super::errors::StatedErrors;
 use super::turntable::Turntable;
 use crate::kernel::Kernel;
 use crate::nominal::nominal_ns;
@@ -19,6 +20,8 @@ pub struct CoefficientTable {
     turntable: Option<Turntable>,
     gravity_only: bool,
     has_provenance: bool,
+    errors: StatedErrors,
+    sealed: bool,
 }
 
 impl PartialEq for CoefficientTable {
@@ -61,6 +64,8 @@ impl CoefficientTable {
                 turntable: None,
                 gravity_only: false,
                 has_provenance: false,
+                errors: StatedErrors::default(),
+                sealed: false,
             })
         } else {
             Err(refusals)
@@ -117,6 +122,32 @@ impl CoefficientTable {
     #[must_use]
     pub const fn with_provenance(mut self) -> Self {
         self.has_provenance = true;
+        self
+    }
+
+    /// What the table states of its own errors, by its provenance. They are not part of the digest.
+    #[must_use]
+    pub const fn errors(&self) -> &StatedErrors {
+        &self.errors
+    }
+
+    /// The table that states these errors.
+    #[must_use]
+    pub const fn stating(mut self, errors: StatedErrors) -> Self {
+        self.errors = errors;
+        self
+    }
+
+    /// Whether the file that the table was read from has its digest.
+    #[must_use]
+    pub const fn is_sealed(&self) -> bool {
+        self.sealed
+    }
+
+    /// The table of a file that has its digest.
+    #[must_use]
+    pub const fn sealed(mut self) -> Self {
+        self.sealed = true;
         self
     }
 

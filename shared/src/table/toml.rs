@@ -9,6 +9,7 @@ use super::checks::{
 use super::content::{
     AXIS_NAMES, Axis, Content, FORMAT, G_SENSITIVITY_KEYS, GRAVITY_ONLY, GYROSCOPE_NAMES, Gyroscopes, OutOfRange,
 };
+use super::errors::StatedErrors;
 use super::model::CoefficientTable;
 use super::turntable::Turntable;
 use crate::document::{Document, Fault, Faults, Section, too_large};
@@ -30,13 +31,17 @@ const POWERS: [&str; MAX_ORDER + 1] = ["c0", "c1", "c2", "c3", "c4", "c5", "c6",
 pub enum Seal {
     /// A digest in the file must match the content.
     Checked,
-    /// A digest in the file is ignored, because the caller is about to replace it.
+    /// A digest in the file is ignored, because the caller is about to replace it. The table counts as sealed.
     Renewed,
 }
 
 /// Largest text of a coefficient table: 128 KiB. One with provenance, gyroscopes and every accepted finding has under
 /// 16 KiB.
 pub const MAX_TABLE_BYTES: u64 = 128 << 10;
+
+/// The key of the provenance that is true in the file of a table that a service keeps, which always has a digest, if the
+/// file that the table is from had none.
+pub const UNSEALED: &str = "unsealed";
 
 /// Said of the digest of a file whose content cannot be read.
 const UNCHECKED_DIGEST: &str = "cannot be checked until these are right";
@@ -208,7 +213,18 @@ fn read(root: &Section<'_, '_>, expected: Option<&ImuId>, seal: Seal) -> Option<
     // Each part has been checked where its line is known, so what this refuses has been reported.
     let table = CoefficientTable::new(content).ok()?.measured_at(gravity_local).measured_on(turntable);
     let table = if gravity_only { table.measured_by_hand() } else { table };
-    Some(if provenance.is_some() { table.with_provenance() } else { table })
+    let table = match provenance {
+        Some(provenance) => {
+            let errors = StatedErrors::read(provenance, table.content());
+            let table = table.stating(errors);
+            if provenance.has_only(UNSEALED) { table } else { table.with_provenance() }
+        }
+        None => table,
+    };
+    // The caller is about to write the digest.
+    let has_digest = digest.is_some() || seal == Seal::Renewed;
+    let kept_unsealed = provenance.is_some_and(|it| it.is_true(UNSEALED));
+    Some(if has_digest && !kept_unsealed { table.sealed() } else { table })
 }
 
 /// All that the digest is of, as far as it can be read; its values may be refused.

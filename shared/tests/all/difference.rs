@@ -16,7 +16,7 @@ fn table(text: &str) -> CoefficientTable {
 fn refusals(text: &str, from: &str, to: &str) -> Vec<String> {
     let changed = text.replacen(from, to, 1);
     assert_ne!(changed, text, "{from}");
-    MaxChange::default().refusals(&TableDifference::of(&table(text), &table(&changed)))
+    MaxChange::default().refusals(&TableDifference::of(&table(text), &table(&changed)), 1.0)
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn nominal() -> String {
 }
 
 fn refused(old: &str, new: &str) -> Vec<String> {
-    MaxChange::default().refusals(&TableDifference::of(&table(old), &table(new)))
+    MaxChange::default().refusals(&TableDifference::of(&table(old), &table(new)), 1.0)
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn what_no_limit_can_measure_is_refused() {
     // What the last table with gyroscopes had is compared all the same.
     let tenfold = WHOLE.replace("c0 = 1.05214", "c0 = 10.5214");
     let difference = TableDifference::of_gyroscopes(&table(WHOLE), &table(&tenfold));
-    assert!(MaxChange::default().refusals(&difference)[0].starts_with("G1 positive_scale_factor changes by "));
+    assert!(MaxChange::default().refusals(&difference, 1.0)[0].starts_with("G1 positive_scale_factor changes by "));
     assert!(TableDifference::of_gyroscopes(&table(&without), &table(WHOLE)).changes.is_empty());
     // A policy that rejects decides whether there are increments.
     let policy = |name: &str| TABLE.replace("\"clamp\"", &format!("\"{name}\""));
@@ -144,9 +144,110 @@ fn another_serial_number_with_other_curves_is_another_unit() {
 }
 
 #[test]
-fn wider_limits_are_a_multiple_of_each() {
-    let MaxChange { bias, scale, rate, alignment } = MaxChange::default().times(3.0);
-    assert_eq!([bias, scale, rate, alignment], [0.1 * 3.0, 0.1 * 3.0, 10_800.0, 0.1 * 3.0]);
+fn limits_count_as_often_as_the_caller_says() {
+    let raised = TABLE.replace("c0 = 793.55", "c0 = 250793.55");
+    let difference = TableDifference::of(&table(TABLE), &table(&raised));
+    assert!(MaxChange::default().refusals(&difference, 3.0).is_empty());
+    assert_eq!(MaxChange::default().refusals(&difference, 2.0).len(), 1);
+}
+
+/// A record of a stated error.
+fn stated(axis: &str, quantity: &str, unit: &str, error: f64) -> String {
+    format!(
+        "[[provenance.curve]]\naxis = \"{axis}\"\nquantity = \"{quantity}\"\nunit = \"{unit}\"\nlargest_interval = {error}\n"
+    )
+}
+
+#[test]
+fn limits_follow_from_the_errors_and_ranges_of_the_old_table() {
+    let curves = [stated("A1", "bias", "ug0", 4.0), stated("A1", "positive_scale_factor", "pulse/(s*g0)", 0.36)];
+    let old = format!("{WHOLE}\n[provenance]\n{}", curves.concat());
+    let refused_by = |limits: MaxChange, changes: &[(&str, &str)]| {
+        let new = changes.iter().fold(old.clone(), |text, (from, to)| text.replacen(from, to, 1));
+        limits.refusals(&TableDifference::of(&table(&old), &table(&new)), 1.0)
+    };
+    let refused = |changes: &[(&str, &str)]| refused_by(MaxChange::default(), changes);
+    // A single number: ten times the error, 40 ug0 and 40 ppm.
+    assert!(refused(&[("c0 = 793.55", "c0 = 833.5")]).is_empty());
+    let words = refused(&[("c0 = 793.55", "c0 = 833.9")]);
+    assert!(words.len() == 1 && words[0].contains("at most 39.979 ug0 is taken, by the errors"), "{words:?}");
+    assert!(refused(&[("91733.0", "91736.0")]).is_empty());
+    assert!(refused(&[("91733.0", "91737.0")])[0].starts_with("A1 positive_scale_factor changes by "));
+    // With others: 0.4 of the 404 ug0 that the biases range over in addition.
+    let other = ("c0 = 118.72", "c0 = 118.73");
+    assert!(refused(&[("c0 = 793.55", "c0 = 993.0"), other]).is_empty());
+    assert!(refused(&[("c0 = 793.55", "c0 = 997.0"), other])[0].starts_with("A1 bias changes by "));
+    // A curve without an error has the widest limit, and so has every one if the user gives no less.
+    assert!(refused(&[("c0 = 118.72", "c0 = 90118.72")]).is_empty());
+    let limits = MaxChange { bias: Some(5e-5), ..MaxChange::default() };
+    assert!(refused_by(limits, &[("c0 = 793.55", "c0 = 833.9")]).is_empty());
+    assert!(
+        refused_by(limits, &[("c0 = 118.72", "c0 = 170.0")])[0]
+            .ends_with("at most 0.05 mg0 is taken (max_change.bias)")
+    );
+    assert!(refused_by(MaxChange::WIDEST, &[("c0 = 793.55", "c0 = 1833.5")]).is_empty());
+    // The widest limits stay the widest.
+    let vague = old.replace("largest_interval = 4", "largest_interval = 4e9");
+    let raised = vague.replacen("c0 = 793.55", "c0 = 101793.55", 1);
+    let refusals = MaxChange::default().refusals(&TableDifference::of(&table(&vague), &table(&raised)), 1.0);
+    assert!(refusals[0].ends_with("at most 100 mg0 is taken (max_change.bias)"), "{refusals:?}");
+}
+
+#[test]
+fn errors_are_read_as_calibrate_writes_them_and_as_a_service_keeps_them() {
+    let errors = |provenance: &str| *table(&format!("{WHOLE}\n[provenance]\n{provenance}")).errors();
+    let same = [
+        // Recordings at one attitude, in SI units; the larger one counts.
+        (
+            "[[provenance.curve]]\naxis = \"G2\"\nunit = \"rad/s\"\ninterval_95 = 1e-9\nband = 4.84813681109536e-6\n"
+                .to_owned(),
+            stated("G2", "bias", "deg/h", 1.0),
+        ),
+        (
+            "[[provenance.curve]]\naxis = \"A3\"\nunit = \"m/s2\"\nband = 9.8015e-6\n".to_owned(),
+            stated("A3", "bias", "ug0", 1.0),
+        ),
+        // Ramps.
+        (
+            "[[provenance.transients.bias]]\naxis = \"A1\"\nunit = \"ug0\"\nstandard_error = 0.5\ncurve_error = 7.0\n"
+                .to_owned(),
+            stated("A1", "bias", "ug0", 7.0) + &stated("A1", "transient", "ug0", 1.0),
+        ),
+        // Matrices, a row for each sensor.
+        (
+            "gyroscope_misalignment_standard_error = [[0, 1e-6, 2e-6], [0, 0, 0], [0, 0, 0]]\n\
+             g_sensitivity_standard_error = [[0, 0, 0], [0, 0, 0], [0.1, 0.2, 0.3]]\n"
+                .to_owned(),
+            stated("G1", "misalignment", "rad", 4e-6) + &stated("G3", "g_sensitivity", "deg/h/g0", 0.6),
+        ),
+        // What cannot be right states nothing.
+        (
+            stated("A1", "bias", "V", 1.0) + &stated("A9", "bias", "ug0", 1.0) + &stated("A1", "bias", "ug0", -1.0),
+            String::new(),
+        ),
+        ("curve = 7\ntransients = [1]\nmisalignment_standard_error = \"x\"\n".to_owned(), String::new()),
+    ];
+    for (one, other) in same {
+        let (found, expected) = (errors(&one).to_toml(table(WHOLE).content()), errors(&other));
+        let found = found.replace("0.9999999999999999", "1.0").replace("1.0000000000000002", "1.0");
+        assert_eq!(errors(&found), expected, "{one}");
+    }
+}
+
+#[test]
+fn an_unsealed_table_does_not_follow_a_sealed_one() {
+    let sealed = table(TABLE).to_toml();
+    let moved = |text: &str| text.replace("c0 = 793.55", "c0 = 793.56");
+    assert!(table(&sealed).is_sealed() && !table(TABLE).is_sealed());
+    assert!(refused(&sealed, &moved(TABLE))[0].contains("seal it with `check --seal`"));
+    // A half of the file, whose seal is lost or does not come any more.
+    for (old, new) in [(TABLE, &*moved(TABLE)), (TABLE, &*sealed), (&*sealed, &*table(&moved(TABLE)).to_toml())] {
+        assert!(refused(old, new).is_empty());
+    }
+    // A service keeps every table with a digest, and notes there that its file had none.
+    let kept = format!("{sealed}\n[provenance]\nunsealed = true\n");
+    assert!(!table(&kept).is_sealed() && refused(&kept, &moved(TABLE)).is_empty());
+    assert!(table(&format!("{}[provenance]\nunsealed = true\n", nominal())).is_nominal());
 }
 
 proptest! {
@@ -177,7 +278,7 @@ proptest! {
         let largest = (0..POINTS).map(|i| difference(at(i))).fold(0.0, f64::max);
         prop_assert!((found - largest).abs() <= 1e-9 * largest + 1e-6, "{} {}", found, largest);
         prop_assert!((found - size(&new, &old)).abs() <= 1e-9 * found);
-        let limits = MaxChange { bias: limit, ..MaxChange::default() };
-        prop_assert_eq!(limits.refusals(&TableDifference::of(&old, &new)).len(), usize::from(found > limit * 1e6));
+        let limits = MaxChange { bias: Some(limit), ..MaxChange::default() };
+        prop_assert_eq!(limits.refusals(&TableDifference::of(&old, &new), 1.0).len(), usize::from(found > limit * 1e6));
     }
 }

@@ -39,7 +39,7 @@ pub struct Check {
     strict: bool,
     /// Compare each table with this one
     ///
-    /// A table is refused if a service with the default limits would refuse the change.
+    /// A table is refused if a service without limits of its own (max_change) would refuse the change.
     #[arg(long, value_name = "TABLE")]
     against: Option<PathBuf>,
     /// Accept world-writable files
@@ -166,7 +166,7 @@ impl FileChecker<'_> {
     fn compare(&self, path: &Path, table: &CoefficientTable) -> Result<String, Failure> {
         let Some(against) = &self.against else { return Ok(String::new()) };
         let difference = TableDifference::of(against, table);
-        let refusals = MaxChange::default().refusals(&difference);
+        let refusals = MaxChange::default().refusals(&difference, 1.0);
         let refused = |refusal| Failure::new(Exit::Config, format!("{}: {refusal}", shown(path))).at(path, None);
         let refused = Failure::all(refusals.into_iter().map(refused).collect());
         refused.map_or_else(|| Ok(format!("\n  {difference}")), Err)

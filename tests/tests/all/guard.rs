@@ -128,6 +128,41 @@ fn a_lost_digit_is_refused_while_running_and_at_the_next_start_until_its_digest_
     refused_start(&domain);
 }
 
+#[test]
+fn what_a_table_states_limits_the_next_one_also_over_a_restart() {
+    let domain = TestDomain::new();
+    let provenance = "\n[provenance]\n[[provenance.curve]]\naxis = \"A1\"\nquantity = \"bias\"\nunit = \"ug0\"\nlargest_interval = 4.0\n";
+    let with_c0 = |c0: &str| TABLE.replace("c0 = 793.55", &format!("c0 = {c0}"));
+    let sealed = |c0: &str| format!("{}{provenance}", table(&with_c0(c0)).to_toml());
+    domain.write("imu-a.toml", &sealed("793.55"));
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    // A digit of the bias is lost before it is sealed, and a part of an unsealed file lies over the sealed one.
+    let reason = refuse(&domain, &service, &sealed("79.55"));
+    assert!(reason.contains("at most 39.979 ug0 is taken, by the errors and ranges"), "{reason}");
+    let reason = refuse(&domain, &service, &with_c0("793.56"));
+    assert!(reason.contains("digest: ") && reason.contains("seal it with `check --seal`"), "{reason}");
+    wait_until_kept(&domain);
+    service.kill();
+    let service = serve_kept(&domain, &digest(TABLE));
+    let reason = refuse(&domain, &service, &sealed("79.55"));
+    assert!(reason.contains("at most 39.979 ug0 is taken"), "{reason}");
+    // `check` says the same, of a table that it is about to seal.
+    domain.write("old.toml", &sealed("793.55"));
+    domain.write("new.toml", &with_c0("793.56"));
+    let output = domain.run(&["check", "--against", "old.toml", "new.toml"]);
+    assert!(text(&output.stderr).contains("seal it with `check --seal`"), "{}", text(&output.stderr));
+    domain.run_ok(&["check", "--seal", "--against", "old.toml", "new.toml"]);
+    // What is accepted is in force, and an unsealed table may follow it.
+    domain.replace("imu-a.toml", &with_c0("893.55"));
+    reload(&domain, "isothermd", &digest(&with_c0("893.55")), 0);
+    wait_until_kept(&domain);
+    service.kill();
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    domain.replace("imu-a.toml", &with_c0("893.56"));
+    wait_until("an unsealed table after an unsealed one", || in_force(&domain) == digest(&with_c0("893.56")));
+    service.terminate();
+}
+
 /// What may lie in the place of a table.
 fn damage() -> Vec<(&'static str, Vec<u8>)> {
     let flipped = TABLE.replace("c0 = 793.55", "c0 = 7x3.55");

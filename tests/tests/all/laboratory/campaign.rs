@@ -203,7 +203,7 @@ fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &Co
     let old = changed(good, |content| {
         let bias = &content.axes[0].bias;
         let mut coefficients = bias.coefficients().to_vec();
-        coefficients[0] += 40e-6 / content.axes[0].bias_unit.factor();
+        coefficients[0] += 4e-6 / content.axes[0].bias_unit.factor();
         content.axes[0].bias = Polynomial::new(&coefficients, bias.center(), bias.scale(), bias.range()).unwrap();
     });
     domain.replace("imu-a.toml", &old.to_toml());
