@@ -44,8 +44,8 @@
  * call while service and readers stay the same. The exceptions are the system call that wakes a sleeping service, and the sleeps of a
  * call that waits. What may take long is done by a helper thread of each acquisition, under SCHED_OTHER and with all signals blocked:
  * looking for what cuts the acquisition off, joining again, and reading the status. A thread that waits in a call must not be cancelled by
- * pthread_cancel, which would end the process. Messages of ISOTHERM_ERROR_TRANSPORT and
- * of functions that connect are allocated, all others are static.
+ * pthread_cancel, which would end the process. Messages of ISOTHERM_ERROR_TRANSPORT and of functions that connect are allocated, all
+ * others are static.
  *
  * Priority. The service's worker must stand above its clients, in priority or on a core of its own. Below a client that spins it gets
  * only what the scheduler leaves: the median round trip was 35 ms in place of 1.9 us.
@@ -973,9 +973,8 @@ const char *isotherm_error_message(void);
  * With ISOTHERM_LAG_SERVICE neither is one that no thermometer gives: far outside the ranges of the table in force, or
  * a step that is too fast. docs/temperature-in-motion.md has the formula and the limits.
  *
- * This is not part of the sending path. If the service has taken a table with another time constant, with
- * ISOTHERM_LAG_SERVICE, this call and the next one read the status, which allocates and makes system calls, but does
- * not wait.
+ * If the service has taken a table with another time constant, with ISOTHERM_LAG_SERVICE, this call has the helper
+ * thread of the acquisition read the status, and a later call takes it.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for another `sensor`.
  */

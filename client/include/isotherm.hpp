@@ -2,8 +2,7 @@
 //
 //     isotherm::Acquisition acquisition("imu-a", {.serial = "SN 42"});     // from C++20 on; before, set the fields of an Options
 //     while (const auto period = latch()) {                // your hardware: counts, temperature and times of a control period
-//         for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
-//             acquisition.reading(sensor, period->temperature, period->end_ns);
+//         acquisition.reading_of_all(period->temperature, period->end_ns);    // or reading() for each sensor that has its own
 //         auto sample = acquisition.loan();                // in shared memory; stands for the period
 //         sample->timestamp_ns = sample->telemetry_ns = period->end_ns;
 //         sample->interval_ns = period->interval_ns;       // the measured gate length

@@ -69,8 +69,7 @@ static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sampl
         /* A new measurement. The library keeps its lag; a value that is only repeated is not given again. */
         temperature = now;
         measured = end;
-        for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
-            isotherm_reading(acquisition, sensor, temperature, measured);
+        isotherm_reading_of_all(acquisition, temperature, measured);
     }
     sample->timestamp_ns = end;
     sample->telemetry_ns = measured;

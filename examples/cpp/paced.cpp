@@ -92,8 +92,7 @@ private:
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             temperature_ = reading.temperature;
             measured_ = sample.timestamp_ns;
-            for (unsigned sensor = 0; sensor < ISOTHERM_SENSORS; sensor++)
-                acquisition_.reading(sensor, temperature_, measured_);
+            acquisition_.reading_of_all(temperature_, measured_);
         }
         sample.telemetry_ns = measured_;
         // Pulses, and the nominal interval unless interval_ns has the measured one.

@@ -71,8 +71,7 @@ class Paced:
         specific_force, angular_rate, temperature = read_imu(period)
         if period % TEMPERATURE_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
             self.temperature, self.measured_ns = temperature, end
-            for name in ("A1", "A2", "A3", "G1", "G2", "G3"):
-                self.acquisition.reading(name, temperature, end)
+            self.acquisition.reading_of_all(temperature, end)
         sample.timestamp_ns = end
         sample.telemetry_ns = self.measured_ns
         self.readings.fill(sample, specific_force, angular_rate)  # with the nominal interval, unless `interval_ns` has the measured one

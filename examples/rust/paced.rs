@@ -11,7 +11,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
-    Acquisition, CompensatedIncrement, Flags, Options, RawSample, ReadingError, Readings, Realtime, Resolution, Sensor,
+    Acquisition, CompensatedIncrement, Flags, Options, RawSample, ReadingError, Readings, Realtime, Resolution,
     monotonic_ns,
 };
 use std::env;
@@ -124,9 +124,7 @@ impl Paced {
         if period.is_multiple_of(TEMPERATURE_PERIODS) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             (self.temperature, self.measured_ns) = (temperature, end);
-            for (sensor, _) in Sensor::NAMES {
-                self.acquisition.lag().read(sensor, temperature, end);
-            }
+            self.acquisition.lag().reading_of_all(temperature, end);
         }
         sample.timestamp_ns = end;
         sample.telemetry_ns = self.measured_ns;

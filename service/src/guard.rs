@@ -193,7 +193,7 @@ pub(crate) fn is_accepted(digest: &Digest, accepted: &[Acceptance]) -> bool {
 }
 
 #[cfg(test)]
-mod measured;
+mod measured_tests;
 
 #[cfg(test)]
 mod tests {
