@@ -15,8 +15,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::{io, ptr};
 
-/// Stack of the thread \[bytes\]: memory that a process with locked memory has in full.
-const STACK: usize = 512 * 1024;
+/// Stack of the thread \[bytes\], which a process with locked memory has in full. Joining reads TOML, which takes more than
+/// 512 KiB where nothing is optimized.
+const STACK: usize = 2 * 1024 * 1024;
 
 /// The helper thread, which answers questions `Q` by `A`, one at a time.
 #[derive(Debug)]

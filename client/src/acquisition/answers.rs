@@ -70,8 +70,8 @@ impl Acquisition {
     /// [`CompensateError`].
     pub fn compensate(&mut self, sample: Loan, timeout: Duration) -> Result<CompensatedIncrement, CompensateError> {
         let sequence = sample.sequence;
-        // Makes room and checks the service for a caller that never calls `receive`.
-        while self.state.is_full()
+        // Makes room, also for all that waits, and checks the service for a caller that never calls `receive`.
+        while self.is_full()
             && let Some(answer) = self.receive_next()?
         {
             self.state.keep_aside(answer);

@@ -51,7 +51,7 @@ impl Acquisition {
         }
         let now = self.clock.now();
         let mut sent = Ok(());
-        while sent.is_ok() && !self.state.is_full() && self.kept.pace.allows(now) {
+        while !self.kept.is_empty() && !self.state.is_full() && sent.is_ok() && self.kept.pace.allows(now) {
             let Some(raw) = self.kept.pop() else { break };
             self.state.send(raw.sequence, &raw, now);
             if let Some(ports) = &mut self.ports {
