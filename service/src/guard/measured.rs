@@ -396,8 +396,8 @@ fn a_right_calibration_is_taken_and_a_wrong_digit_is_refused() {
         // The file of a new calibration. Its digest finds all of them. Without one, the guard finds only what is more
         // than can become of an IMU.
         let read = |text: String| CoefficientTable::from_toml(&text, None).ok();
-        assert!(faults(&right[0].to_toml(), 10).into_iter().filter_map(read).all(|table| table == right[0]));
-        let wrong = right[..10].iter().flat_map(|right| that_matter(&kind, right, faults(&unsealed(right), 23)));
+        assert!(faults(&right[0].to_toml(), 20).into_iter().filter_map(read).all(|table| table == right[0]));
+        let wrong = right[..10].iter().flat_map(|right| that_matter(&kind, right, faults(&unsealed(right), 31)));
         let wrong: Vec<_> = wrong.collect();
         let [found, before] = refused(&in_force, &wrong);
         println!("  of {} in new, unsealed files {found:.3}; by the widest limits {before:.3}", wrong.len());
