@@ -182,7 +182,7 @@ fn stating(text: &str, sizes: &Sizes) -> String {
 }
 
 fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.f64()).ln()).sqrt() * (std::f64::consts::TAU * rng.f64()).cos()
+    (-2.0 * libm::log(1.0 - rng.f64())).sqrt() * libm::cos(std::f64::consts::TAU * rng.f64())
 }
 
 /// The coefficients of a polynomial in z, which is -1 and 1 at the ends of its range.
@@ -226,7 +226,7 @@ fn calibrated(curve: &Polynomial, error: f64, [offset, slope]: [f64; 2], rng: &m
 /// A calibration of the same IMU that is right.
 fn recalibrated(kind: &Kind, old: &CoefficientTable, rng: &mut Rng) -> CoefficientTable {
     let mut content = old.content().clone();
-    let both = |real: f64, stated: f64| real.hypot(stated / std::f64::consts::SQRT_2);
+    let both = |real: f64, stated: f64| libm::hypot(real, stated / std::f64::consts::SQRT_2);
     for (triad, _, axis) in sensors(&mut content) {
         let transient = both(kind.real.transient[triad], kind.stated.transient[triad]);
         if axis.transient != 0.0 {
