@@ -245,9 +245,9 @@ fn is_same(one: &CoefficientTable, other: &CoefficientTable) -> bool {
     known(one) == known(other)
 }
 
-/// The table as it is kept: with a digest, and with what its provenance says of its errors. A table that was kept without
-/// its provenance could not be distinguished from one that is not a calibration, nor one whose file has no digest from a
-/// sealed one.
+/// The table as it is kept: with a digest, and with what its provenance says of its errors. A table that was kept
+/// without its provenance could not be distinguished from one that is not a calibration, nor one whose file has no
+/// digest from a sealed one.
 fn text_of(table: &CoefficientTable) -> String {
     let tool = if table.is_nominal() { "" } else { "tool = \"isothermd\"\n" };
     let unsealed = if table.is_sealed() { String::new() } else { format!("{UNSEALED} = true\n") };

@@ -182,7 +182,7 @@ fn stating(text: &str, sizes: &Sizes) -> String {
 }
 
 fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.f64()).ln()).sqrt() * (std::f64::consts::TAU * rng.f64()).cos()
+    (-2.0 * libm::log(1.0 - rng.f64())).sqrt() * libm::cos(std::f64::consts::TAU * rng.f64())
 }
 
 /// The coefficients of a polynomial in z, which is -1 and 1 at the ends of its range.
@@ -226,7 +226,7 @@ fn calibrated(curve: &Polynomial, error: f64, [offset, slope]: [f64; 2], rng: &m
 /// A calibration of the same IMU that is right.
 fn recalibrated(kind: &Kind, old: &CoefficientTable, rng: &mut Rng) -> CoefficientTable {
     let mut content = old.content().clone();
-    let both = |real: f64, stated: f64| real.hypot(stated / std::f64::consts::SQRT_2);
+    let both = |real: f64, stated: f64| libm::hypot(real, stated / std::f64::consts::SQRT_2);
     for (triad, _, axis) in sensors(&mut content) {
         let transient = both(kind.real.transient[triad], kind.stated.transient[triad]);
         if axis.transient != 0.0 {
@@ -396,8 +396,8 @@ fn a_right_calibration_is_taken_and_a_wrong_digit_is_refused() {
         // The file of a new calibration. Its digest finds all of them. Without one, the guard finds only what is more
         // than can become of an IMU.
         let read = |text: String| CoefficientTable::from_toml(&text, None).ok();
-        assert!(faults(&right[0].to_toml(), 10).into_iter().filter_map(read).all(|table| table == right[0]));
-        let wrong = right[..10].iter().flat_map(|right| that_matter(&kind, right, faults(&unsealed(right), 23)));
+        assert!(faults(&right[0].to_toml(), 20).into_iter().filter_map(read).all(|table| table == right[0]));
+        let wrong = right[..10].iter().flat_map(|right| that_matter(&kind, right, faults(&unsealed(right), 31)));
         let wrong: Vec<_> = wrong.collect();
         let [found, before] = refused(&in_force, &wrong);
         println!("  of {} in new, unsealed files {found:.3}; by the widest limits {before:.3}", wrong.len());

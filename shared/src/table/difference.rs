@@ -1,5 +1,5 @@
-//! The plain difference of two tables: how much each curve and each alignment changes. `compare` builds its bands on it;
-//! the service refuses a table that changes too much, by limits that may follow from the errors of the old one.
+//! The plain difference of two tables: how much each curve and each alignment changes. `compare` builds its bands on
+//! it; the service refuses a table that changes too much, by limits that may follow from the errors of the old one.
 //!
 //! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor
 //! changes is relative to its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in
@@ -267,7 +267,8 @@ impl MaxChange {
         }
     }
 
-    /// Why a table that differs so from the one before is refused; empty if it is taken. The limits count `factor` times.
+    /// Why a table that differs so from the one before is refused; empty if it is taken. The limits count `factor`
+    /// times.
     #[must_use]
     pub fn refusals(&self, difference: &TableDifference, factor: f64) -> Vec<String> {
         let beyond = difference.changes.iter().filter_map(|change| {

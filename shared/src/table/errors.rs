@@ -41,7 +41,9 @@ impl StatedErrors {
                 }
                 // Recordings at one attitude give only biases.
                 None => {
-                    ["interval_95", "band"].iter().for_each(|key| stated.widen(index, 0, record.number(key), factor))
+                    for key in ["interval_95", "band"] {
+                        stated.widen(index, 0, record.number(key), factor);
+                    }
                 }
             }
         }

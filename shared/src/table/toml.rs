@@ -39,8 +39,8 @@ pub enum Seal {
 /// 16 KiB.
 pub const MAX_TABLE_BYTES: u64 = 128 << 10;
 
-/// The key of the provenance that is true in the file of a table that a service keeps, which always has a digest, if the
-/// file that the table is from had none.
+/// The key of the provenance that is true in the file of a table that a service keeps, which always has a digest, if
+/// the file that the table is from had none.
 pub const UNSEALED: &str = "unsealed";
 
 /// Said of the digest of a file whose content cannot be read.
