@@ -401,6 +401,6 @@ fn a_right_calibration_is_taken_and_a_wrong_digit_is_refused() {
         let wrong: Vec<_> = wrong.collect();
         let [found, before] = refused(&in_force, &wrong);
         println!("  of {} in new, unsealed files {found:.3}; by the widest limits {before:.3}", wrong.len());
-        assert!(found > 0.5 && found > before, "{}: {found}", kind.name);
+        assert!(found > 0.4 && found > before, "{}: {found}", kind.name);
     }
 }
