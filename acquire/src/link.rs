@@ -172,7 +172,11 @@ impl Link {
         let now = Instant::now();
         Self {
             imu,
-            options: Options { timeout: Duration::ZERO, kept: limits.connected.min(isotherm_client::KEPT), ..options },
+            options: Options {
+                timeout: Duration::ZERO,
+                kept: limits.connected.min(isotherm_client::MOST_KEPT),
+                ..options
+            },
             acquisition: None,
             waiting: VecDeque::with_capacity(interval_ns.map_or(0, |_| limits.unconnected + 1)),
             limits,

@@ -89,7 +89,7 @@
  * Control periods that wait at most for a service that is away, unless `kept` in isotherm_options says otherwise: 30 s
  * at 546 Hz. They take 4.1 MiB.
  */
-#define ISOTHERM_KEPT 16384
+#define ISOTHERM_MOST_KEPT 16384
 
 /**
  * Head temperature of A1 below the bias range.
@@ -549,7 +549,7 @@ typedef struct {
     double lag_s;
     /**
      * How many control periods wait at most for a service that has no room or is away, 1 to 2^20; 0 is the default,
-     * ISOTHERM_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
+     * ISOTHERM_MOST_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
      */
     uint64_t kept;
 } isotherm_options;

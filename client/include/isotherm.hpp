@@ -192,7 +192,7 @@ struct Options {
     /// Time constant of the lagged temperature of an acquisition [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     double lag_s = ISOTHERM_LAG_SERVICE;
     /// How many control periods of an acquisition wait at most for a service that has no room or is away, 1 to 2^20. Each takes 256 bytes.
-    std::uint64_t kept = ISOTHERM_KEPT;
+    std::uint64_t kept = ISOTHERM_MOST_KEPT;
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };

@@ -223,8 +223,8 @@ impl Acquisition {
     }
 
     /// Adds the next control period to a sample ([`RawSample::merge`]) and cancels its loan: no velocity and no angle
-    /// is lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. This is for
-    /// devices that sum by themselves: periods for which the service has no room wait as they are
+    /// is lost, and no sequence is left out. If the sum is dropped, that is one sequence, whatever it holds. This is
+    /// for devices that sum by themselves: periods for which the service has no room wait as they are
     /// ([`exchange`](Self::exchange), [`keep`](Self::keep)).
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use crate::error::{ConnectError, permission};
 use crate::folder::{self, check_owner};
-use crate::kept::KEPT;
+use crate::kept::MOST_KEPT;
 use crate::lag_option::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of, register_own};
@@ -61,7 +61,7 @@ pub struct Options {
     /// Which time constant the lagged temperature of an acquisition has.
     pub lag: LagOption,
     /// How many control periods of an acquisition wait at most for a service that has no room or is away, 1 to 2^20:
-    /// [`KEPT`] unless given. A number outside is taken for the nearest inside. Each takes 256 bytes, which are
+    /// [`MOST_KEPT`] unless given. A number outside is taken for the nearest inside. Each takes 256 bytes, which are
     /// allocated when the acquisition connects.
     pub kept: usize,
 }
@@ -70,7 +70,7 @@ impl Options {
     /// This domain and time-out; no serial number, and the time constant of the service.
     #[must_use]
     pub const fn new(domain: Domain, timeout: Duration) -> Self {
-        Self { domain, timeout, serial: None, lag: LagOption::Service, kept: KEPT }
+        Self { domain, timeout, serial: None, lag: LagOption::Service, kept: MOST_KEPT }
     }
 
     /// As [`new`](Self::new), with the domain of the environment variables and a time-out of 5 s.

@@ -15,8 +15,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::{io, ptr};
 
-/// Stack of the thread \[bytes\], which a process with locked memory has in full. Joining reads TOML, which takes more than
-/// 512 KiB where nothing is optimized.
+/// Stack of the thread \[bytes\], which a process with locked memory has in full. Joining reads TOML, which takes more
+/// than 512 KiB where nothing is optimized.
 const STACK: usize = 2 * 1024 * 1024;
 
 /// The helper thread, which answers questions `Q` by `A`, one at a time.
@@ -167,8 +167,8 @@ fn with_signals_blocked<T>(work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Takes the calling thread out of what it has inherited from a real-time thread: its policy, and its cores if there are
-/// others, which such a thread may occupy.
+/// Takes the calling thread out of what it has inherited from a real-time thread: its policy, and its cores if there
+/// are others, which such a thread may occupy.
 fn leave_realtime() {
     let parameters = libc::sched_param { sched_priority: 0 };
     // SAFETY: a system call on the calling thread (0) that reads one structure, which is valid during the call.

@@ -7,7 +7,7 @@ use isotherm_shared::wire::RawSample;
 
 /// Control periods that wait at most, unless [`Options::kept`](crate::Options::kept) says otherwise: 30 s at 546 Hz.
 /// They take 4.1 MiB.
-pub const KEPT: usize = 16_384;
+pub const MOST_KEPT: usize = 16_384;
 /// The numbers that [`Options::kept`](crate::Options::kept) may have: up to 256 MiB.
 pub const KEPT_RANGE: RangeInclusive<usize> = 1..=1 << 20;
 

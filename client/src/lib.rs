@@ -114,7 +114,7 @@ pub use isotherm_shared::names::{Domain, DomainError, ImuId};
 pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
 pub use isotherm_shared::time_constant::{InvalidTimeConstant, TimeConstant};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
-pub use kept::{KEPT, KEPT_RANGE};
+pub use kept::{KEPT_RANGE, MOST_KEPT};
 pub use lag::{Sensor, UnknownSensor};
 pub use lag_option::LagOption;
 pub use loan::{CompensateError, ExchangeError, InFlight, Loan, LoanMergeError, SendError, TransportError};

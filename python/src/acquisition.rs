@@ -14,7 +14,7 @@ use crate::run::{End, Run};
 use crate::value::stays;
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
-    Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT, KEPT_RANGE, LagOption,
+    Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, MOST_KEPT, KEPT_RANGE, LagOption,
     Loan as ClientLoan, Options, RawSample, SendError, Triad,
 };
 use numpy::PyArrayMethods as _;
@@ -102,7 +102,7 @@ impl Acquisition {
     #[new]
     #[pyo3(
         signature = (
-            imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service), kept = KEPT
+            imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service), kept = MOST_KEPT
         ),
         text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service', kept=16384)"
     )]
@@ -192,8 +192,8 @@ impl Acquisition {
         Ok((lost, unanswered))
     }
 
-    /// Control periods that have a sequence and are gone, in all sessions: loans that were dropped, are still on loan, or
-    /// failed, and periods for which the waiting line had no room. What waits is not lost: `kept`.
+    /// Control periods that have a sequence and are gone, in all sessions: loans that were dropped, are still on loan,
+    /// or failed, and periods for which the waiting line had no room. What waits is not lost: `kept`.
     #[getter]
     fn lost(&self) -> PyResult<u64> {
         Ok(self.owned.hold()?.open()?.client.lost())
@@ -305,11 +305,11 @@ impl Acquisition {
         Ok(Loan { id: state.keep(loan), acquisition: this.clone().unbind() })
     }
 
-    /// Serves a control period: sends all that waits, then `sample`, waits up to `timeout` seconds for its increment, and
-    /// returns all increments that have arrived, each once and in the order of sending, as an array of INCREMENT.
+    /// Serves a control period: sends all that waits, then `sample`, waits up to `timeout` seconds for its increment,
+    /// and returns all increments that have arrived, each once and in the order of sending, as an array of INCREMENT.
     ///
     /// What the service has no room for waits in the memory of this process (`kept`), and a later call sends it. So a
-    /// loop of this call alone loses no control period while the service stalls, is away for as many periods as may be
+    /// loop of only this call loses no control period while the service stalls, is away for as many periods as may be
     /// kept, or is replaced: fewer increments come then, or none, and later more than one. Give a time-out that is
     /// shorter than the control period. Raises SequenceError if the sequence is not above the last one sent or kept.
     fn exchange<'py>(

@@ -8,6 +8,7 @@ use crate::code::{CodedError, NONE, NULL, code, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
 use crate::values::{domain, imu, lag_option, text, timeout};
 use core::ffi::c_char;
+use core::mem::offset_of;
 use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{
@@ -20,8 +21,8 @@ pub const ISOTHERM_LOANS: usize = 4;
 
 /// Control periods that wait at most for a service that is away, unless `kept` in isotherm_options says otherwise: 30 s
 /// at 546 Hz. They take 4.1 MiB.
-pub const ISOTHERM_KEPT: u64 = 16384;
-const _: () = assert!(ISOTHERM_KEPT == isotherm_client::KEPT as u64);
+pub const ISOTHERM_MOST_KEPT: u64 = 16384;
+const _: () = assert!(ISOTHERM_MOST_KEPT == isotherm_client::MOST_KEPT as u64);
 
 /// The one acquisition process of an IMU. It sends raw samples and receives their increments, each once and in the
 /// order of sending.
@@ -172,7 +173,7 @@ pub struct isotherm_options {
     /// Time constant of the lagged temperature [s], 0.1 to 86400, or ISOTHERM_LAG_SERVICE or ISOTHERM_LAG_NONE.
     pub lag_s: f64,
     /// How many control periods wait at most for a service that has no room or is away, 1 to 2^20; 0 is the default,
-    /// ISOTHERM_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
+    /// ISOTHERM_MOST_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
     pub kept: u64,
 }
 
@@ -202,19 +203,31 @@ pub unsafe extern "C" fn isotherm_acquisition_connect(
 /// The options of C.
 ///
 /// # Safety
-/// `options` and its strings are NULL or valid.
+/// `options` is NULL, or has the fields that its size says, and its strings are NULL or valid.
 unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedError> {
-    // SAFETY: the caller's contract.
-    let Some(given) = (unsafe { options.as_ref() }) else { return Ok(Options::from_environment()?) };
-    if given.size != 0 && given.size != size_of::<isotherm_options>() as u64 {
-        return Err(SIZE);
+    const ALL: u64 = size_of::<isotherm_options>() as u64;
+    /// Without the fields that came later.
+    const FIRST: u64 = offset_of!(isotherm_options, kept) as u64;
+    if options.is_null() {
+        return Ok(Options::from_environment()?);
     }
-    // SAFETY: as above.
-    let (domain, serial) = unsafe { (domain(given.domain)?, text(given.serial)) };
+    // SAFETY: not NULL, and these fields are always there.
+    let (size, name, timeout_ns, serial, lag_s) = unsafe {
+        let given = options;
+        ((*given).size, (*given).domain, (*given).timeout_ns, (*given).serial, (*given).lag_s)
+    };
+    let periods = match size {
+        // SAFETY: a program with this size has the field.
+        0 | ALL => unsafe { (*options).kept },
+        FIRST => 0,
+        _ => return Err(SIZE),
+    };
+    // SAFETY: the caller's contract.
+    let (domain, serial) = unsafe { (domain(name)?, text(serial)) };
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
-    let options = Options::new(domain, timeout(given.timeout_ns));
-    let kept = if given.kept == 0 { options.kept } else { kept(given.kept)? };
-    Ok(Options { serial, lag: lag_option(given.lag_s)?, kept, ..options })
+    let options = Options::new(domain, timeout(timeout_ns));
+    let kept = if periods == 0 { options.kept } else { kept(periods)? };
+    Ok(Options { serial, lag: lag_option(lag_s)?, kept, ..options })
 }
 
 /// How many periods wait at most.
@@ -317,11 +330,12 @@ pub unsafe extern "C" fn isotherm_merge(
 /// `*count` is how many. At most `capacity` are written; the others come with the next call.
 ///
 /// What the service has no room for waits in the memory of this process (isotherm_kept), and a later call sends it: 256
-/// samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of this call alone loses
+/// samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of only this call loses
 /// no control period while the service stalls, is away for as many periods as may be kept, or is replaced. Then fewer
 /// increments come, or none, which is no error, and later more than one.
 ///
-/// Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is 0.
+/// Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is
+/// 0.
 ///
 /// After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE and
 /// ISOTHERM_ERROR_FORKED the sample is still yours.
@@ -361,8 +375,8 @@ pub unsafe extern "C" fn isotherm_exchange(
     })
 }
 
-/// Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the sample.
-/// `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
+/// Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the
+/// sample. `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
 ///
 /// After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
 /// After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -405,8 +419,8 @@ pub unsafe extern "C" fn isotherm_keep(
 /// and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a millisecond).
 /// Never waits. Every sending call begins with it. Without anything kept it does nothing.
 ///
-/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that was
-/// being sent counts as unanswered, and will be sent again.
+/// ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that
+/// was being sent counts as unanswered, and will be sent again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_send_kept(acquisition: *mut isotherm_acquisition) -> isotherm_code {
     with(acquisition, |content| Ok(content.acquisition.send_kept()?))
@@ -523,8 +537,8 @@ pub unsafe extern "C" fn isotherm_in_flight(acquisition: *const isotherm_acquisi
 }
 
 /// Control periods, of all sessions of this connection, that have a sequence and are gone: samples that were discarded
-/// or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples whose
-/// sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
+/// or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples
+/// whose sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_lost(acquisition: *const isotherm_acquisition) -> u64 {
     number(acquisition, Acquisition::lost)

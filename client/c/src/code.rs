@@ -19,9 +19,9 @@ pub enum isotherm_code {
     ISOTHERM_OK = 0,
     /// There is no increment now, or none came in time. Nothing has been written.
     ISOTHERM_NONE = 1,
-    /// As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which there
-    /// is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
-    /// gap.
+    /// As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which
+    /// there is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and
+    /// send it again, or discard it, which is a gap.
     ISOTHERM_FULL = 2,
     /// The sample was sent, but its increment did not come in time. It stays in flight: it is sent again when a new
     /// service has started, and its late increment is kept for isotherm_receive.

@@ -60,8 +60,8 @@ impl Acquisition {
     }
 
     /// The round trip of one sample, for programs that send one now and then: sends `sample` and waits up to `timeout`
-    /// for its increment, which comes before those of earlier samples whose time-out has passed. Where order matters, as
-    /// for angles, use [`exchange`](Self::exchange).
+    /// for its increment, which comes before those of earlier samples whose time-out has passed. Where order matters,
+    /// as for angles, use [`exchange`](Self::exchange).
     ///
     /// Answers to samples sent earlier, whose time-out has passed, are kept aside for [`receive`](Self::receive), at
     /// most [`depth`](Self::depth) of them. [`late`](Self::late) reports them, and continues to wait for the increment.

@@ -10,8 +10,8 @@ impl Acquisition {
     /// [`exchange`](Self::exchange) does this by itself.
     ///
     /// [`Options::kept`](crate::Options::kept) periods wait at most. Beyond that the oldest is dropped and counts as
-    /// [lost](Self::lost): a gap for every reader. `sent_ns` and the lagged temperature are those of this moment, so the
-    /// increment's latency shows how long it waited. It allocates nothing.
+    /// [lost](Self::lost): a gap for every reader. `sent_ns` and the lagged temperature are those of this moment, so
+    /// the increment's latency shows how long it waited. It allocates nothing.
     ///
     /// # Errors
     /// [`SendError::Sequence`] if its sequence is not above the last that was sent or kept; the sample is handed back.
@@ -40,8 +40,8 @@ impl Acquisition {
 
     /// Sends what is [kept](Self::keep), oldest first, as far as the service takes it now: until
     /// [`depth`](Self::depth) samples are unanswered, and after an outage no faster than readers and recorders take it
-    /// (256 samples at once, then 16 in a millisecond). Never waits. Every sending call begins with it. Without anything
-    /// kept it does nothing.
+    /// (256 samples at once, then 16 in a millisecond). Never waits. Every sending call begins with it. Without
+    /// anything kept it does nothing.
     ///
     /// # Errors
     /// If the transport fails. The period that was being sent counts as unanswered, and will be sent again.

@@ -35,7 +35,8 @@ pub const fn depth_in_flight(queue: usize) -> usize {
     if depth > 0 { depth } else { 1 }
 }
 
-/// The state of an acquisition that sends samples `S` and receives answers `A`. Never allocates after construction, except in
+/// The state of an acquisition that sends samples `S` and receives answers `A`. Never allocates after construction,
+/// except in
 /// [`set_depth`](Self::set_depth).
 #[derive(Clone, Debug)]
 pub struct AcquisitionState<S, A> {
@@ -181,9 +182,9 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         }
     }
 
-    /// Control periods of all sessions that have a number and will not be sent: samples that were discarded or are still
-    /// on loan, numbers that the user left out, samples that were dropped while they waited, and samples whose sending
-    /// has failed.
+    /// Control periods of all sessions that have a number and will not be sent: samples that were discarded or are
+    /// still on loan, numbers that the user left out, samples that were dropped while they waited, and samples whose
+    /// sending has failed.
     #[must_use]
     pub fn lost(&self) -> u64 {
         let after_last = match (self.highest, self.last_sequence) {

@@ -1,5 +1,5 @@
-//! Samples that an acquisition has sent and whose answers its user has not received yet. Bounded; allocates only when it
-//! is made or gets another size.
+//! Samples that an acquisition has sent and whose answers its user has not received yet. Bounded; allocates only when
+//! it is made or gets another size.
 
 /// Samples of type `S` in the order of their sequence, each with its answer of type `A` if that has come.
 ///

@@ -1,13 +1,15 @@
 //! The examples that send at the pace of an IMU, in C, C++ and Rust: none loses a period while the service is away, and
 //! every reader gets the velocity and the angle of every period.
 
-use isotherm_client::{CompensatedIncrement, Flags, RawSample, Readings, Resolution, Triad};
+use isotherm_client::{CompensatedIncrement, Flags, IncrementReader, RawSample, Readings, Resolution, Triad};
 use isotherm_shared::compensate::answer;
 use isotherm_tests::programs::{C, CPP, SERIAL, compile, start};
-use isotherm_tests::{Process, TestDomain, table, wait_until};
+use isotherm_tests::{Process, TIMEOUT, TestDomain, id, table, wait_until};
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::thread::{self, sleep};
 use std::time::Duration;
 
 const MEMS_TABLE: &str = include_str!("../../../examples/tables/imu-mems.toml");
@@ -56,28 +58,40 @@ fn survives(domain: &TestDomain, program: &Path, periods: u64, away: impl FnOnce
     domain.write("imu-mems.toml", &MEMS_TABLE.replace("S/N 0311", SERIAL));
     let served = ["--imu", "imu-mems=imu-mems.toml"];
     let service = domain.serve(&served);
-    let mut reader = domain.reader(IMU);
+    // It reads all the time, as navigation does: after the outage increments come faster than a queue lasts.
+    let (options, has_ended) = (domain.options(), Arc::new(AtomicBool::new(false)));
+    let ended = Arc::clone(&has_ended);
+    let (connected, is_connected) = mpsc::channel();
+    let reading = thread::spawn(move || {
+        let mut reader = IncrementReader::connect(id(IMU), &options).unwrap();
+        connected.send(()).unwrap();
+        let (mut sums, mut flags, mut read_all) = (Sums::default(), Flags::default(), 0);
+        loop {
+            let is_last = ended.load(Ordering::Acquire);
+            while let Some(increment) = reader.receive_timeout(Duration::from_millis(10)).unwrap() {
+                add(&mut sums, &increment);
+                flags |= Flags(increment.flags);
+                assert_eq!((increment.sequence, increment.interval_ns), (read_all, PERIOD_NS), "each period by itself");
+                read_all += 1;
+            }
+            if is_last {
+                return (sums, flags, read_all);
+            }
+        }
+    });
+    is_connected.recv_timeout(TIMEOUT).unwrap();
     let mut child = start(domain, program, &[IMU, &periods.to_string()], "out");
     wait_until("samples", || domain.imu_status()["received"].as_u64().unwrap() > 20);
     away(service);
     let service = domain.serve(&served);
 
-    let (mut sums, mut flags, mut read_all) = (Sums::default(), Flags::default(), 0);
-    let mut read = || {
-        while let Some(increment) = reader.receive().unwrap() {
-            add(&mut sums, &increment);
-            flags |= Flags(increment.flags);
-            assert_eq!((increment.sequence, increment.interval_ns), (read_all, PERIOD_NS), "each period by itself");
-            read_all += 1;
-        }
-    };
     let mut status = None;
     wait_until("the end of the example", || {
-        read();
         status = child.try_wait().unwrap();
         status.is_some()
     });
-    read();
+    has_ended.store(true, Ordering::Release);
+    let (sums, flags, read_all) = reading.join().unwrap();
     assert!(status.unwrap().success());
     assert_eq!(flags.only(Flags(!Flags::LATE.0)), Flags::default(), "no gap, no time step, no interval-not-nominal");
     assert_eq!(read_all, periods);
