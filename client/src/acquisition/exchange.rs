@@ -15,8 +15,8 @@ impl Acquisition {
     /// increment, and returns **all** increments that have arrived, each once and in the order of sending.
     ///
     /// What the service has no room for waits in the memory of this process ([`kept`](Self::kept)), and a later call
-    /// sends it: 256 samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of this
-    /// call alone loses no control period while the service stalls, is away for up to [`Options::kept`] periods, or is
+    /// sends it: 256 samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of only
+    /// this call loses no control period while the service stalls, is away for up to [`Options::kept`] periods, or is
     /// replaced. Then fewer increments come, or none, which is no error, and later more than one.
     ///
     /// Give a `timeout` that is shorter than the control period. With [`Duration::ZERO`] it does not wait.
