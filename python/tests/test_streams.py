@@ -449,6 +449,27 @@ def test_late_answers_are_kept(domain: DomainUnderTest, recorded: isotherm.Recor
         service.resume()
 
 
+def test_one_call_serves_a_period(domain: DomainUnderTest, recorded: isotherm.Records) -> None:
+    service = domain.serve()
+    with isotherm.Acquisition("imu-a", timeout=TIMEOUT, kept=100) as acquisition:
+        assert acquisition.exchange(recorded[0], TIMEOUT)["sequence"].tolist() == [0]
+        service.pause()
+        count = acquisition.depth + 50
+        for index in range(1, 1 + count):
+            loan = acquisition.loan()
+            fill(loan, recorded[index])
+            assert len(acquisition.exchange(loan, 0.0)) == 0 and loan.sent
+        assert (acquisition.kept, acquisition.lost) == (50, 0)
+        service.resume()
+        arrived = acquisition.exchange(recorded[1 + count], TIMEOUT)
+        assert arrived["sequence"].tolist() == list(range(1, 2 + count)), "all of them, in the order of sending"
+        with pytest.raises(isotherm.SequenceError):
+            acquisition.exchange(recorded[0], TIMEOUT)
+        assert acquisition.close() == (0, 0)
+    with pytest.raises(ValueError, match="kept is 0"):
+        isotherm.Acquisition("imu-a", kept=0)
+
+
 def test_a_full_queue_hands_the_sample_back(domain: DomainUnderTest, recorded: isotherm.Records) -> None:
     service = domain.serve()
     with isotherm.Acquisition("imu-a", timeout=TIMEOUT) as acquisition:
