@@ -96,18 +96,23 @@ int main(int, char **words)
     auto after = acquisition.loan();
     after->interval_ns = 1;
     const auto number = after->sequence;
-    acquisition.send_kept();
-    while (acquisition.kept() > 0) {
-        CHECK(acquisition.compensate(after, 1s).is_full() && after);
+    while (!acquisition.send(after))
         CHECK(acquisition.receive(20s).has_value());
-        acquisition.send_kept();
-    }
-    CHECK(acquisition.receive(20s).has_value() && acquisition.send(after));
+    CHECK(acquisition.kept() == 0);
     CHECK(thrown([&] { acquisition.keep(after); }) == ISOTHERM_ERROR_NULL);
     std::uint64_t last = 0;
     while (acquisition.in_flight() > 0)
         last = acquisition.receive(20s)->sequence;
     CHECK(last == number);
+    // One call serves a period.
+    auto period = acquisition.loan();
+    period->interval_ns = 5;
+    std::size_t count = 0;
+    for (const auto &increment : acquisition.exchange(period, 20s)) {
+        CHECK(increment.interval_ns == 5 && increment.sequence == number + 1);
+        count++;
+    }
+    CHECK(count == 1 && !period && thrown([&] { (void)acquisition.exchange(period, 1s); }) == ISOTHERM_ERROR_NULL);
     const auto session = acquisition.session();
     acquisition.begin_session();
     CHECK(acquisition.session() != session && !acquisition.receive() && !acquisition.receive(-1s));
