@@ -8,14 +8,15 @@ use crate::errors::{Closed, Full, IsothermError, SequenceError, Timeout, connect
 use crate::lag::{LagArgument, LagState, sensor};
 use crate::owned::ThreadValue;
 use crate::records::{
-    Increment, NUMBERS, PULSES, RAW, array, increments, one_sample, raw_bytes, sample_bytes, triple, view,
+    Increment, NUMBERS, PULSES, RAW, array, increment_bytes, increments, one_sample, raw_bytes, sample_bytes, triple,
+    view,
 };
 use crate::run::{End, Run};
 use crate::value::stays;
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
-    Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, MOST_KEPT, KEPT_RANGE, LagOption,
-    Loan as ClientLoan, Options, RawSample, SendError, Triad,
+    Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT_RANGE, LagOption,
+    Loan as ClientLoan, MOST_KEPT, Options, RawSample, SendError, Triad,
 };
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -312,12 +313,7 @@ impl Acquisition {
     /// loop of only this call loses no control period while the service stalls, is away for as many periods as may be
     /// kept, or is replaced: fewer increments come then, or none, and later more than one. Give a time-out that is
     /// shorter than the control period. Raises SequenceError if the sequence is not above the last one sent or kept.
-    fn exchange<'py>(
-        &self,
-        py: Python<'py>,
-        sample: &Bound<'py, PyAny>,
-        timeout: f64,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn exchange<'py>(&self, py: Python<'py>, sample: &Bound<'py, PyAny>, timeout: f64) -> PyResult<Bound<'py, PyAny>> {
         let timeout = seconds("timeout", timeout)?;
         let given = self.sample(sample)?;
         let started = Instant::now();

@@ -78,7 +78,8 @@ class Acquisition:
     "default").
 
     `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
-    temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then.
+    temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then. `kept`
+    is how many control periods wait at most for a service that has no room or is away; each takes 256 bytes.
 
     >>> samples = isotherm.read_recording("run.csv")
     >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
@@ -114,8 +115,8 @@ class Acquisition:
         """Whether it has been closed."""
     @property
     def lost(self) -> int:
-        """Control periods that have a sequence and were not sent, in all sessions: loans that were dropped, are still on
-        loan, or failed, and all that is kept or was dropped there.
+        """Control periods that have a sequence and are gone, in all sessions: loans that were dropped, are still on loan,
+        or failed, and periods for which the waiting line had no room. What waits is not lost: `kept`.
         """
     @property
     def dropped_answers(self) -> int:
@@ -188,7 +189,14 @@ class Acquisition:
         sent, the service flags the gap. `Loan.cancel` gives back one that stands for none.
         """
     def exchange(self, sample: Loan | Records | np.void, timeout: float) -> Records:
-        """x"""
+        """Serves a control period: sends all that waits, then `sample`, waits up to `timeout` seconds for its increment,
+        and returns all increments that have arrived, each once and in the order of sending, as an array of INCREMENT.
+
+        What the service has no room for waits in the memory of this process (`kept`), and a later call sends it. So a
+        loop of only this call loses no control period while the service stalls, is away for as many periods as may be
+        kept, or is replaced: fewer increments come then, or none, and later more than one. Give a time-out that is
+        shorter than the control period. Raises SequenceError if the sequence is not above the last one sent or kept.
+        """
     def send(self, sample: Loan | Records | np.void) -> None:
         """Sends a sample: a loan, or a record of RAW_SAMPLE, which is copied and keeps its sequence. Never waits.
 
@@ -196,38 +204,31 @@ class Acquisition:
         service's queue may still be full of samples that were sent again after restarts. `keep` it then.
         """
     def keep(self, sample: Loan | Records | np.void) -> None:
-        """Keeps a control period for which the service has no room: it waits in memory of this process until `send_kept`
-        sends it.
+        """Keeps a control period for which the service has no room: it waits in memory of this process, and is sent before
+        all that comes later. `exchange` does this by itself.
 
-        Periods are summed while a sum fits; then another sum begins, and where a sum would hide something: another
-        unit, a missing interval, temperature that is not finite on one side, missing time; a record is never added to
-        another. A sum of readings has 64 nominal intervals at most, so that it is not flagged INTERVAL_NOT_NOMINAL;
-        where the table is not known, since `lag` is not "service" or the table has been replaced, 64 periods. At most
-        16384 sums wait. Beyond that the oldest is dropped with all its periods, which count as `lost`, and as many
-        sequences are left out: a gap for every reader.
-
-        Nothing overtakes what is kept: `send` and `compensate` raise Full until it is sent; keep those samples too. So
-        in each control period call `send_kept`, then `send` or `compensate`, `keep` after Full, then `receive`. Raises
-        SequenceError if the sequence is not above the last one sent or kept.
+        Beyond the number that the acquisition was given, the oldest is dropped and counts as `lost`: a gap for every
+        reader. Raises SequenceError if the sequence is not above the last one sent or kept.
         """
     def send_kept(self) -> None:
         """Sends what is kept, oldest first, as far as the service takes it now; after an outage no faster than readers and
         recorders take it.
 
-        Never waits. Call it in each control period, before the new sample is sent. The increments come from `receive`.
+        Never waits. Every sending call begins with it.
         """
     @property
     def kept(self) -> int:
-        """Control periods that are kept."""
+        """Control periods that wait: they are kept, and not sent yet."""
     def receive(self, timeout: float = 0.0) -> Increment | None:
         """The answer to the oldest unanswered sample, or None if it does not come within `timeout` seconds.
 
         First come the late answers that `compensate` has kept aside.
         """
     def compensate(self, sample: Loan | Records | np.void, timeout: float = 1.0) -> Increment:
-        """The round trip: sends `sample` and waits for its increment. Raises Full or Timeout.
+        """The round trip of one sample: sends it and waits for its increment. Raises Full or Timeout.
 
-        After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them.
+        After Timeout the increment may come late: it is kept aside for `receive`, at most `depth` of them, and comes
+        after later ones. Where order matters, use `exchange`.
         """
     def run(
         self,
@@ -310,7 +311,7 @@ class Loan:
         """Adds the next control period: pulses and intervals are summed, timestamp and temperature become the later ones.
 
         A loan that is merged is cancelled. Raises OverflowError, and changes nothing, if a sum overflows. If the sum is
-        dropped, that is one sequence, whatever it holds; for a service that has no room use `Acquisition.keep`.
+        dropped, that is one sequence, whatever it holds. For devices that sum by themselves.
         """
     def to_numpy(self) -> Records:
         """A copy, as an array without dimensions."""
