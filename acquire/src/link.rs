@@ -155,6 +155,8 @@ pub(crate) struct Link {
     /// Where the device is taken to be soaked.
     pub(crate) soaked: SoakSpan,
     pub(crate) sent: LinkCounts,
+    /// To the acquisition, less those that it has dropped: they were sent, or wait.
+    handed_over: u64,
     pub(crate) recorder: Option<Recorder>,
 }
 
@@ -192,6 +194,7 @@ impl Link {
             last: LastSample::default(),
             soaked: SoakSpan::default(),
             sent: LinkCounts::default(),
+            handed_over: 0,
             recorder,
         }
     }
@@ -243,6 +246,7 @@ impl Link {
                 self.sent.invalid += u64::from(Flags(answer.flags).intersects(Flags::INVALID));
             }
             let _ = acquisition.send_kept();
+            self.sent.sent = self.handed_over - acquisition.kept();
             let Some(next) = self.waiting.front().filter(|_| self.is_live || !acquisition.is_full()) else { return };
             if next.session != self.session {
                 let before = if self.session == 0 { self.lag } else { Some(self.last.lag(acquisition)) };
@@ -267,7 +271,7 @@ impl Link {
             let handed_over = if self.is_live { acquisition.keep(loan) } else { acquisition.send(loan) };
             match handed_over {
                 Ok(()) if drops_oldest => self.sent.dropped += 1,
-                Ok(()) => self.sent.sent += 1,
+                Ok(()) => self.handed_over += 1,
                 // It cannot be sent any more, so readers see a gap.
                 Err(error) => {
                     self.sent.dropped += 1;
@@ -341,7 +345,7 @@ impl Link {
         }
         let Some(acquisition) = self.acquisition.take() else { return lost };
         let (kept, unanswered) = (acquisition.kept(), acquisition.close().unanswered);
-        self.sent.sent -= kept;
+        self.sent.sent = self.handed_over - kept;
         self.sent.dropped += kept;
         self.sent.unanswered = unanswered;
         lost + kept + unanswered

@@ -73,6 +73,8 @@ pub struct Acquisition {
     next_look_ns: u64,
     /// After this silence of a service that lives the streams are joined anew \[ns\].
     rejoin_after_ns: u64,
+    /// It is cut off from the streams, and leaves its ports: until then \[ns\] when nothing is on loan from them.
+    leaves_by_ns: Option<u64>,
     /// `None` while it is cut off from the streams.
     ports: Option<AcquisitionPorts>,
     helper: Helper<Question, Answer>,
@@ -105,6 +107,7 @@ impl Acquisition {
             exchanged: Vec::with_capacity(exchange::MOST),
             next_look_ns: 0,
             rejoin_after_ns: REJOIN_NS,
+            leaves_by_ns: None,
             ports: Some(ports),
             helper: start_helper(imu, domain)?,
             process: Process::current(),
@@ -205,10 +208,11 @@ impl Acquisition {
     #[inline]
     fn take_place(&mut self) -> Result<LoanPlace, TransportError> {
         match &mut self.ports {
-            Some(ports) => {
+            // A child of a fork has no part in the memory of its parent's samples.
+            Some(ports) if self.process.is_current() => {
                 Ok(LoanPlace::Shared { sample: ports.take_spare()?, generation: Rc::clone(&ports.generation) })
             }
-            None => Ok(LoanPlace::Private(Box::default())),
+            _ => Ok(LoanPlace::Private(Box::default())),
         }
     }
 
@@ -274,7 +278,8 @@ impl Acquisition {
     #[inline]
     pub fn send(&mut self, sample: Loan) -> Result<(), SendError> {
         if !self.kept.is_empty() {
-            self.send_kept().map_err(|error| SendError::Transport(error.to_string()))?;
+            // What the transport could not send is unanswered, and is sent again.
+            let _ = self.send_kept();
         }
         // Shared memory: read once.
         let sequence = sample.sequence;

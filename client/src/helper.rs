@@ -11,6 +11,7 @@ use crate::process::Process;
 use core::mem::{self, MaybeUninit};
 use core::sync::atomic::{AtomicBool, Ordering};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::{io, ptr};
@@ -68,8 +69,9 @@ impl<Q: Send + 'static, A: Send + 'static> Helper<Q, A> {
                     thread::park();
                     continue;
                 };
-                let answer = answer(question, &is_closing);
-                at_desk.papers.lock().unwrap_or_else(PoisonError::into_inner).1 = Some(answer);
+                // A panic, whose message is on stderr, leaves the question without an answer.
+                let answered = catch_unwind(AssertUnwindSafe(|| answer(question, &is_closing)));
+                at_desk.papers.lock().unwrap_or_else(PoisonError::into_inner).1 = answered.ok();
                 at_desk.is_answered.store(true, Ordering::Release);
             }
         };
@@ -96,7 +98,7 @@ impl<Q: Send + 'static, A: Send + 'static> Helper<Q, A> {
         self.thread.iter().for_each(|thread| thread.thread().unpark());
     }
 
-    /// The answer, once, if it is there.
+    /// The answer, once, if it is there. A question whose answer has panicked has none, and another one may be asked.
     pub(crate) fn answer(&mut self) -> Option<A> {
         match mem::replace(&mut self.asked, Asked::Nothing) {
             Asked::Nothing => return None,
@@ -109,10 +111,10 @@ impl<Q: Send + 'static, A: Send + 'static> Helper<Q, A> {
         if !self.desk.is_answered.load(Ordering::Acquire) {
             return None;
         }
-        let answer = self.desk.papers.try_lock().ok()?.1.take()?;
+        let answer = self.desk.papers.try_lock().ok()?.1.take();
         self.desk.is_answered.store(false, Ordering::Relaxed);
         self.asked = Asked::Nothing;
-        Some(answer)
+        answer
     }
 }
 
@@ -120,13 +122,15 @@ impl<Q, A> Drop for Helper<Q, A> {
     /// Waits for the end of the thread, so that nothing is left half-created.
     fn drop(&mut self) {
         let Some(thread) = self.thread.take() else { return };
-        // A child of a fork has no such thread.
-        if self.process.is_current() {
-            self.desk.is_closing.store(true, Ordering::Release);
-            thread.thread().unpark();
-            // If it has panicked, its message is on stderr.
-            let _ = thread.join();
+        if !self.process.is_current() {
+            // A child of a fork has no such thread, and no part in what waits for it.
+            mem::forget((thread, mem::replace(&mut self.asked, Asked::Nothing)));
+            return;
         }
+        self.desk.is_closing.store(true, Ordering::Release);
+        thread.thread().unpark();
+        // If it has panicked, its message is on stderr.
+        let _ = thread.join();
     }
 }
 
@@ -209,6 +213,21 @@ mod tests {
             assert_eq!(answer(&mut helper, question), expected);
             assert!(helper.is_free() && helper.answer().is_none());
         }
+    }
+
+    #[test]
+    fn a_panic_leaves_room_for_the_next_question() {
+        let mut helper = Helper::start(|question: u64, _: &dyn Fn() -> bool| {
+            assert_ne!(question, 1, "on purpose");
+            question
+        })
+        .unwrap();
+        helper.ask(1);
+        while !helper.is_free() {
+            assert_eq!(helper.answer(), None);
+            thread::yield_now();
+        }
+        assert_eq!(answer(&mut helper, 2), 2);
     }
 
     #[test]

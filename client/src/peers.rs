@@ -180,7 +180,7 @@ pub(crate) fn depth_of(
     });
     raw.dynamic_config().list_subscribers(|details| {
         if Some(details.node_id) == service {
-            depth = depth_in_flight(details.buffer_size);
+            depth = depth_in_flight(details.buffer_size).min(RAW_DEPTH);
         }
         CallbackProgression::Continue
     });

@@ -32,6 +32,8 @@ struct OwnedAcquisition {
     // Loans must be dropped before the client; fields are dropped in this order.
     loans: Vec<(u64, ClientLoan)>,
     next: u64,
+    /// Increments that `exchange` has received and not returned, since the wait was interrupted.
+    arrived: Vec<CompensatedIncrement>,
     client: Client,
 }
 
@@ -134,7 +136,7 @@ impl Acquisition {
         })?;
         match (client, last) {
             (Some(client), _) => {
-                let state = OwnedAcquisition { loans: Vec::with_capacity(8), next: 0, client };
+                let state = OwnedAcquisition { loans: Vec::with_capacity(8), next: 0, arrived: Vec::new(), client };
                 Ok(Self { owned: ThreadValue::new(NAME, state), imu: imu.to_owned() })
             }
             (None, Some(error)) => Err(connecting(&error)),
@@ -317,29 +319,30 @@ impl Acquisition {
         let timeout = seconds("timeout", timeout)?;
         let given = self.sample(sample)?;
         let started = Instant::now();
-        let (sequence, mut arrived);
+        let sequence;
         {
             let mut held = self.owned.hold()?;
             let state = held.open()?;
             let (id, loan) = prepare(state, &given)?;
             sequence = loan.sequence;
-            arrived = match state.client.exchange(loan, timeout.min(HOLD_GIL)) {
-                Ok(increments) => increments.to_vec(),
+            match state.client.exchange(loan, timeout.min(HOLD_GIL)) {
+                Ok(increments) => state.arrived.extend_from_slice(increments),
                 Err(ExchangeError::Forked(loan) | ExchangeError::Sequence(loan)) => {
                     return Err(unsent(state, id, SendError::Sequence(loan), sample));
                 }
             };
         }
         let is_there = |arrived: &[CompensatedIncrement]| arrived.last().is_some_and(|last| last.sequence == sequence);
-        if timeout > HOLD_GIL && !is_there(&arrived) {
+        if timeout > HOLD_GIL && !is_there(&self.owned.hold()?.open()?.arrived) {
             poll_until(py, timeout.saturating_sub(started.elapsed()), |left| {
                 let mut held = self.owned.hold()?;
                 let state = held.open()?;
                 // A failure of the transport is a silence, which has the streams joined anew.
-                arrived.extend(py.detach(|| state.client.receive_timeout(left)).unwrap_or_default());
-                Ok(is_there(&arrived).then_some(()))
+                state.arrived.extend(py.detach(|| state.client.receive_timeout(left)).unwrap_or_default());
+                Ok(is_there(&state.arrived).then_some(()))
             })?;
         }
+        let arrived = std::mem::take(&mut self.owned.hold()?.open()?.arrived);
         let bytes = arrived.iter().flat_map(increment_bytes).collect();
         view(array(py, bytes), "INCREMENT")
     }

@@ -33,10 +33,16 @@ impl Acquisition {
             self.lag.note(&answer);
             return Ok(Some(answer));
         }
-        while let Some(ports) = &mut self.ports
-            && let Some(sample) = CompensatedIncrement::receive(&ports.subscriber)
-                .map_err(|error| transport("receiving an increment", error))?
-        {
+        let mut failed = Ok(None);
+        while let Some(ports) = &mut self.ports {
+            let sample = match CompensatedIncrement::receive(&ports.subscriber) {
+                Ok(Some(sample)) => sample,
+                Ok(None) => break,
+                Err(error) => {
+                    failed = Err(transport("receiving an increment", error));
+                    break;
+                }
+            };
             let answer = copied(&*sample);
             ports.read = self.leaves_to_prepare.then_some(sample);
             if self.state.answered(answer.session, answer.sequence, &answer) {
@@ -47,7 +53,7 @@ impl Acquisition {
         if self.state.nothing_came() {
             self.check_service()?;
         }
-        Ok(None)
+        failed
     }
 
     /// As [`receive`](Self::receive), but waits up to `timeout`: it spins for the first 100 us, then sleeps for short

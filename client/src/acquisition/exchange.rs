@@ -48,7 +48,7 @@ impl Acquisition {
     }
 
     /// As [`exchange`](Self::exchange), but hands at most `most` increments over, one after the other; others that have
-    /// arrived come with the next call.
+    /// arrived come with the next call. With 0 none is taken, so not every call may have that.
     ///
     /// # Errors
     /// As `exchange`.
@@ -80,13 +80,18 @@ impl Acquisition {
             // Where the transport fails, the sample is unanswered and will be sent again.
             let _ = self.send_now(sample, sequence);
         }
+        if self.leaves_by_ns.is_some() {
+            // Nothing is on loan any more, as far as this call is concerned.
+            let now = self.clock.now();
+            self.leave(now);
+        }
         let mut waiting = Waiting::new(timeout);
         loop {
             let newest = self.hand_over(&mut left, &mut take);
+            self.send_waiting();
             if newest == Some(sequence) || left == 0 || !waiting.goes_on() {
                 return Ok(());
             }
-            self.send_waiting();
         }
     }
 

@@ -77,13 +77,22 @@ fn is_cut_off(imu: &ImuId, domain: &Domain, objects: &OwnObjects, silence: Optio
 }
 
 fn join(imu: &ImuId, domain: &Domain, is_closing: &dyn Fn() -> bool) -> Option<AcquisitionPorts> {
-    let mut node = None;
+    let (mut node, mut last_cause) = (None, String::new());
     while !is_closing() {
-        if let Ok(ports) = AcquisitionPorts::attach(&mut node, domain, imu, Instant::now()) {
-            // Here, so that the first sample has nothing to connect.
-            ports.connect();
-            warn(imu, "the streams are joined again");
-            return Some(ports);
+        match AcquisitionPorts::attach(&mut node, domain, imu, Instant::now()) {
+            Ok(ports) => {
+                // Here, so that the first sample has nothing to connect.
+                ports.connect();
+                warn(imu, "the streams are joined again");
+                return Some(ports);
+            }
+            Err(error) => {
+                let cause = error.to_string();
+                if cause != last_cause {
+                    warn(imu, format_args!("joining the streams again: {cause}"));
+                }
+                last_cause = cause;
+            }
         }
         thread::sleep(JOIN_PAUSE);
     }
@@ -94,14 +103,19 @@ impl Acquisition {
     /// Takes what the helper thread has answered. `now` is `CLOCK_MONOTONIC` \[ns\].
     pub(super) fn take_answer(&mut self, now: u64) {
         match self.helper.answer() {
-            Some(Answer::Loss(true)) => self.leave(),
+            // Answers may have come meanwhile.
+            Some(Answer::Loss(true)) if self.state.silence_ns(now) >= LOOK_NS => {
+                self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
+                self.leaves_by_ns = Some(now + LOOK_NS);
+            }
             Some(Answer::Ports(Some(ports))) => {
                 self.ports = Some(ports.take());
                 self.state.rejoined(now);
             }
             Some(Answer::Status(Some(status))) => self.lag.learn(&status, &self.imu),
-            Some(Answer::Loss(false) | Answer::Ports(None) | Answer::Status(None)) | None => {}
+            Some(Answer::Loss(_) | Answer::Ports(None) | Answer::Status(None)) | None => {}
         }
+        self.leave(now);
     }
 
     /// Has the helper thread look, after a silence, whether the ports are cut off.
@@ -120,13 +134,26 @@ impl Acquisition {
         }
     }
 
-    /// Gives the ports up. Samples that are unanswered stay, and are sent again when the streams are joined.
-    fn leave(&mut self) {
-        self.rejoin_after_ns = (2 * self.rejoin_after_ns).min(MAX_REJOIN_NS);
-        // What is on loan shares counts with the ports, which are then left in this thread.
-        let moves = |ports: &AcquisitionPorts| Rc::strong_count(&ports.generation) == 1;
-        let old = self.ports.take().filter(moves).map(MovedPorts::new);
-        self.helper.ask(Question::Ports(old));
+    /// Gives the ports up if they are cut off, and has the streams joined as long as there are none. Samples that are
+    /// unanswered stay, and are sent again then.
+    ///
+    /// What is on loan shares counts with the ports. So they wait until nothing is, which a loop of `exchange` reaches in
+    /// each call. A program that always has a loan leaves them in its own thread.
+    pub(super) fn leave(&mut self, now: u64) {
+        if !self.helper.is_free() {
+            return;
+        }
+        if let Some(by_ns) = self.leaves_by_ns {
+            let moves = self.ports.as_ref().is_none_or(|ports| Rc::strong_count(&ports.generation) == 1);
+            if !moves && now < by_ns {
+                return;
+            }
+            self.leaves_by_ns = None;
+            let old = self.ports.take().filter(|_| moves).map(MovedPorts::new);
+            self.helper.ask(Question::Ports(old));
+        } else if self.ports.is_none() {
+            self.helper.ask(Question::Ports(None));
+        }
     }
 
     /// Has the helper thread read the status, if the lag needs it.

@@ -363,6 +363,7 @@ fn set_points_are_reduced_as_in_the_worked_examples() {
                     sequence: index,
                     timestamp_ns: (index + 1) * 3_600_000_000_000,
                     interval_ns: 3_600_000_000_000,
+                    accelerometers: Triad::default(),
                     ..RawSample::default()
                 };
                 for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
