@@ -137,8 +137,8 @@ impl Acquisition {
     /// Gives the ports up if they are cut off, and has the streams joined as long as there are none. Samples that are
     /// unanswered stay, and are sent again then.
     ///
-    /// What is on loan shares counts with the ports. So they wait until nothing is, which a loop of `exchange` reaches in
-    /// each call. A program that always has a loan leaves them in its own thread.
+    /// What is on loan shares counts with the ports. So they wait until nothing is, which a loop of `exchange` reaches
+    /// in each call. A program that always has a loan leaves them in its own thread.
     pub(super) fn leave(&mut self, now: u64) {
         if !self.helper.is_free() {
             return;
