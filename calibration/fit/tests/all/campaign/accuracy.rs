@@ -10,7 +10,7 @@ use isotherm_fit::{
 };
 use isotherm_shared::compensate::answer;
 use isotherm_shared::table::CoefficientTable;
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_simulation::{CampaignSchedule, InertialMotion, MISALIGNMENT, SimulatedRow, TILT_RAD, Truth, campaign};
 use isotherm_support::finding::name;
 use nalgebra::{Matrix3, Vector3};
