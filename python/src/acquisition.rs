@@ -325,12 +325,14 @@ impl Acquisition {
             let state = held.open()?;
             let (id, loan) = prepare(state, &given)?;
             sequence = loan.sequence;
-            match state.client.exchange(loan, timeout.min(HOLD_GIL)) {
-                Ok(increments) => state.arrived.extend_from_slice(increments),
+            let OwnedAcquisition { client, arrived, .. } = &mut *state;
+            let take = |increment| arrived.push(increment);
+            match client.exchange_each(loan, timeout.min(HOLD_GIL), usize::MAX, take) {
+                Ok(()) => {}
                 Err(ExchangeError::Forked(loan) | ExchangeError::Sequence(loan)) => {
                     return Err(unsent(state, id, SendError::Sequence(loan), sample));
                 }
-            };
+            }
         }
         let is_there = |arrived: &[CompensatedIncrement]| arrived.last().is_some_and(|last| last.sequence == sequence);
         if timeout > HOLD_GIL && !is_there(&self.owned.hold()?.open()?.arrived) {
@@ -338,7 +340,8 @@ impl Acquisition {
                 let mut held = self.owned.hold()?;
                 let state = held.open()?;
                 // A failure of the transport is a silence, which has the streams joined anew.
-                state.arrived.extend(py.detach(|| state.client.receive_timeout(left)).unwrap_or_default());
+                let received = py.detach(|| state.client.receive_timeout(left));
+                state.arrived.extend(received.unwrap_or_default());
                 Ok(is_there(&state.arrived).then_some(()))
             })?;
         }
