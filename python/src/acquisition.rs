@@ -325,7 +325,7 @@ impl Acquisition {
             let state = held.open()?;
             let (id, loan) = prepare(state, &given)?;
             sequence = loan.sequence;
-            let OwnedAcquisition { client, arrived, .. } = &mut *state;
+            let OwnedAcquisition { client, arrived, .. } = &mut **state;
             let take = |increment| arrived.push(increment);
             match client.exchange_each(loan, timeout.min(HOLD_GIL), usize::MAX, take) {
                 Ok(()) => {}
