@@ -19,7 +19,7 @@ use crate::lag::AcquisitionLag;
 use crate::loan::{InFlight, Loan, LoanMergeError, LoanPlace, SendError, TransportError, transport};
 use crate::process::Process;
 use crate::transport::ports::Payload as _;
-use core::mem;
+use core::mem::{self, ManuallyDrop};
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
@@ -397,7 +397,7 @@ impl Drop for Acquisition {
     fn drop(&mut self) {
         if !self.process.is_current() {
             // Only the parent may leave the streams.
-            mem::forget(self.ports.take());
+            let _ = ManuallyDrop::new(self.ports.take());
             return;
         }
         let closing = self.closing();

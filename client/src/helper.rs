@@ -8,7 +8,7 @@
 )]
 
 use crate::process::Process;
-use core::mem::{self, MaybeUninit};
+use core::mem::{self, ManuallyDrop, MaybeUninit};
 use core::sync::atomic::{AtomicBool, Ordering};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -124,7 +124,7 @@ impl<Q, A> Drop for Helper<Q, A> {
         let Some(thread) = self.thread.take() else { return };
         if !self.process.is_current() {
             // A child of a fork has no such thread, and no part in what waits for it.
-            mem::forget((thread, mem::replace(&mut self.asked, Asked::Nothing)));
+            let _ = ManuallyDrop::new((thread, mem::replace(&mut self.asked, Asked::Nothing)));
             return;
         }
         self.desk.is_closing.store(true, Ordering::Release);
@@ -136,7 +136,7 @@ impl<Q, A> Drop for Helper<Q, A> {
 
 /// All ports of a handle, with their node, on their way to another thread.
 #[derive(Debug)]
-pub(crate) struct MovedPorts<P>(P);
+pub(crate) struct MovedPorts<P>(Box<P>);
 
 // SAFETY: the ports are not `Send` only because they and their node share counts that are not atomic (`RecycledRc`,
 // `Rc`). Whoever calls `new` sees to it that all holders of such a count are within the ports, so they change threads
@@ -145,12 +145,12 @@ unsafe impl<P> Send for MovedPorts<P> {}
 
 impl<P> MovedPorts<P> {
     /// These ports, of which nothing is on loan.
-    pub(crate) const fn new(ports: P) -> Self {
-        Self(ports)
+    pub(crate) fn new(ports: P) -> Self {
+        Self(Box::new(ports))
     }
 
     pub(crate) fn take(self) -> P {
-        self.0
+        *self.0
     }
 }
 
