@@ -243,7 +243,7 @@ fn the_thread_that_exchanges_makes_no_call_that_may_wait() {
     let domain = TestDomain::new();
     domain.write("imu-mems.toml", &include_str!("../../../examples/tables/imu-mems.toml").replace("S/N 0311", SERIAL));
     let service = domain.serve(&["--imu", "imu-mems=imu-mems.toml"]);
-    let child = start(&domain, Path::new(env!("CARGO_BIN_EXE_example-paced")), &["imu-mems", "1000000"], "out");
+    let mut child = start(&domain, Path::new(env!("CARGO_BIN_EXE_example-paced")), &["imu-mems", "1000000"], "out");
     let mut reader = domain.reader("imu-mems");
     let mut newest = || std::iter::from_fn(|| reader.receive().unwrap()).last().map(|increment| increment.sequence);
     wait_until("increments", || newest() > Some(20));
@@ -256,6 +256,8 @@ fn the_thread_that_exchanges_makes_no_call_that_may_wait() {
         });
         newest() > Some(until)
     });
+    child.kill().unwrap();
+    child.wait().unwrap();
     let Some(calls) = calls else {
         skip("this user may not trace a process", Needs::Machine);
         return;
@@ -263,6 +265,5 @@ fn the_thread_that_exchanges_makes_no_call_that_may_wait() {
     assert!(service.count_in_log("ready") > 1, "the service has begun anew");
     let waits: Vec<_> = calls.iter().filter(|call| !harmless.contains(call)).collect();
     assert!(!calls.is_empty() && waits.is_empty(), "{waits:?}");
-    drop(child);
     service.terminate();
 }
