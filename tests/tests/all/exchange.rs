@@ -247,7 +247,7 @@ fn the_thread_that_exchanges_makes_no_call_that_may_wait() {
     let mut reader = domain.reader("imu-mems");
     let mut newest = || std::iter::from_fn(|| reader.receive().unwrap()).last().map(|increment| increment.sequence);
     wait_until("increments", || newest() > Some(20));
-    // 20 s later, as far as the loop is concerned: it gets there only when it has joined again.
+    // It gets there only when it has joined again.
     let mut until = None;
     let calls = system_calls(Pid::from_raw(child.id().cast_signed()), || {
         let until = *until.get_or_insert_with(|| {
