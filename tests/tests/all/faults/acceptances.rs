@@ -4,6 +4,7 @@ use super::supervisor::Supervisor;
 use super::tracer::{Call, Fate, TRACED_TIMEOUT, Traced};
 use super::{Ground, digest, lost_digit, may_trace, try_all};
 use isotherm_tests::TABLE;
+use std::fs;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -11,7 +12,15 @@ use std::time::{Duration, Instant};
 /// Whether the call belongs to the keeping of a table, at the end of which its acceptance is used up.
 fn belongs_to_keeping(call: &Call) -> bool {
     let uses_up = call.name == "unlink" && call.path.contains("accepted-imu-a");
-    uses_up || call.path.contains("/.state/") || call.path.contains("kept-imu-a")
+    let is_table = call.path.contains("/.state/") && !call.path.contains("configuration.");
+    uses_up || is_table || call.path.contains("kept-imu-a")
+}
+
+/// Configurations that services have kept in the state folder. The start keeps its own, beside the tables.
+fn configurations(ground: &Ground) -> usize {
+    let files = fs::read_dir(ground.state()).into_iter().flatten().flatten();
+    let names = files.filter_map(|file| file.file_name().into_string().ok());
+    names.filter(|name| name.starts_with("configuration.") && name.ends_with(".toml")).count()
 }
 
 /// Waits until something has happened, as long as a traced service may take.
@@ -42,16 +51,12 @@ fn accept_again_at(number: usize) -> usize {
             Fate::Happens
         }
     };
+    let configurations_before = configurations(&ground);
     let traced = Traced::start(ground.serve(&supervisor), decide);
     ground.domain.register_process(traced.pid);
     assert!(supervisor.wait_for("READY=1", TRACED_TIMEOUT).is_some(), "{}", traced.log());
     wait_for("that the first table is kept", &traced, || ground.kept() == digest(TABLE));
-    // The kept table is of an earlier start; what this start keeps is its note in the domain's folder.
-    let is_noted = || {
-        let files = std::fs::read_dir(ground.domain.client_domain().root_path()).into_iter().flatten().flatten();
-        files.map(|file| file.file_name()).any(|name| name.to_string_lossy().ends_with("kept-imu-a"))
-    };
-    wait_for("that it is noted", &traced, is_noted);
+    wait_for("that the configuration is kept", &traced, || configurations(&ground) > configurations_before);
     ground.domain.replace("imu-a.toml", &lost_digit());
     assert!(traced.has_logged("table refused", TRACED_TIMEOUT), "{}", traced.log());
     *begins.lock().unwrap() = true;
