@@ -16,7 +16,7 @@ fn belongs_to_keeping(call: &Call) -> bool {
     uses_up || is_table || call.path.contains("kept-imu-a")
 }
 
-/// Configurations that services have kept in the state folder. The start keeps its own, beside the tables.
+/// Configurations that services have kept in the state folder. The start keeps its own there, too.
 fn configurations(ground: &Ground) -> usize {
     let files = fs::read_dir(ground.state()).into_iter().flatten().flatten();
     let names = files.filter_map(|file| file.file_name().into_string().ok());
