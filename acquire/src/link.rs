@@ -270,16 +270,19 @@ impl Link {
             let drops_oldest = acquisition.kept() >= self.limits.connected as u64;
             let handed_over = if self.is_live { acquisition.keep(loan) } else { acquisition.send(loan) };
             match handed_over {
-                Ok(()) if drops_oldest => self.sent.dropped += 1,
-                Ok(()) => self.handed_over += 1,
+                Ok(()) => {
+                    // The newest waits in the place of one that was counted.
+                    let count = if drops_oldest { &mut self.sent.dropped } else { &mut self.handed_over };
+                    *count += 1;
+                    if let Some(note) = &mut self.note {
+                        note.keep(&self.last.lag(acquisition));
+                    }
+                }
                 // It cannot be sent any more, so readers see a gap.
                 Err(error) => {
                     self.sent.dropped += 1;
                     tell("isotherm", format!("sample {} is lost: {error}", next.raw.sequence));
                 }
-            }
-            if let Some(note) = &mut self.note {
-                note.keep(&self.last.lag(acquisition));
             }
             self.waiting.pop_front();
             if let Some(recorder) = &mut self.recorder {

@@ -5,6 +5,7 @@ mod exchange;
 mod joining;
 mod keeping;
 mod lag;
+mod leaving;
 mod ports;
 
 pub use lag::LagAccess;
@@ -23,10 +24,16 @@ use core::mem::{self, ManuallyDrop};
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
-use joining::{Answer, Question, REJOIN_NS, start_helper};
+use joining::{Answer, Question, start_helper};
 use ports::AcquisitionPorts;
 use std::hash::{BuildHasher as _, RandomState};
 use std::rc::Rc;
+
+/// Increments that [`Acquisition::exchange`] returns at once, at most.
+const MOST_EXCHANGED: usize = 512;
+/// After this silence of a service that lives the acquisition joins the streams anew; then after twice as long, and so
+/// on \[ns\].
+const REJOIN_NS: u64 = 2_000_000_000;
 
 /// The one acquisition process of an IMU.
 ///
@@ -104,7 +111,7 @@ impl Acquisition {
             is_line_full: false,
             prepared: false,
             leaves_to_prepare: false,
-            exchanged: Vec::with_capacity(exchange::MOST),
+            exchanged: Vec::with_capacity(MOST_EXCHANGED),
             next_look_ns: 0,
             rejoin_after_ns: REJOIN_NS,
             leaves_by_ns: None,

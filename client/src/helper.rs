@@ -85,7 +85,7 @@ impl<Q: Send + 'static, A: Send + 'static> Helper<Q, A> {
         matches!(self.asked, Asked::Nothing)
     }
 
-    /// Asks. A question that is under way is forgotten.
+    /// Asks, if it [is free](Self::is_free).
     pub(crate) fn ask(&mut self, question: Q) {
         self.asked = match self.desk.papers.try_lock() {
             Ok(mut papers) => {

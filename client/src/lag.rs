@@ -6,11 +6,11 @@ use crate::connect::Options;
 use crate::lag_option::LagOption;
 use crate::status::fetch_status;
 use core::str::FromStr;
-use isotherm_shared::lag::{Lag, ReadingLimits, SENSORS};
+use isotherm_shared::lag::{Lag, ReadingLimits};
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_shared::time_constant::TimeConstant;
-use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, SENSORS};
 use std::time::Duration;
 
 /// Pause between two questions \[ns\].

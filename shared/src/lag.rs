@@ -26,7 +26,7 @@
 use crate::status::{ImuStatus, Ranges};
 use crate::table::CoefficientTable;
 use crate::units::CELSIUS;
-use crate::wire::{AXES, RawSample};
+use crate::wire::{AXES, RawSample, SENSORS};
 use serde::{Deserialize, Serialize};
 
 /// L is known where an unknown start has at most this share in it. That is so after three time constants.
@@ -35,9 +35,6 @@ pub const KNOWN_SHARE: f64 = 0.05;
 /// Where so much of L is unknown a value outside the step's limit begins a new history, since it costs nothing: a
 /// thermometer that was wrong at first, or was replaced, is believed in the end.
 const LOST_SHARE: f64 = 0.5;
-
-/// Number of sensors: A1, A2, A3, G1, G2, G3, in this order.
-pub const SENSORS: usize = 2 * AXES;
 
 /// What the head temperature of an IMU can be, and how fast it can change, in the table's unit.
 ///

@@ -16,9 +16,8 @@
 //! the integral over that Ts, so that its increment is right too, and samples can be summed
 //! ([`RawSample::merge`]). The table that belongs to it is [`nominal_table`](crate::table::nominal_table).
 
-use crate::lag::SENSORS;
 use crate::units::SensorKind;
-use crate::wire::{AXES, CompensatedIncrement, MAX_INTERVAL_NS, RawSample, Triad};
+use crate::wire::{AXES, CompensatedIncrement, MAX_INTERVAL_NS, RawSample, SENSORS, Triad};
 
 /// Accepted range of a resolution \[m/s2 or rad/s\].
 pub const RESOLUTION_RANGE: [f64; 2] = [1e-15, 1e6];

@@ -3,6 +3,7 @@
 
 mod checks;
 pub(crate) mod content;
+mod curves;
 pub mod difference;
 mod digest;
 mod errors;

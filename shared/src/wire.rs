@@ -13,6 +13,8 @@ use sha2::{Digest as _, Sha256};
 
 /// Number of sensors of a triad: A1, A2, A3 or G1, G2, G3, in this order wherever an array has three elements.
 pub const AXES: usize = 3;
+/// Number of sensors: A1, A2, A3, G1, G2, G3, in this order.
+pub const SENSORS: usize = 2 * AXES;
 
 /// Longest control period that can be compensated: one hour. A longer one, or 0, is flagged [`Flags::INTERVAL`].
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;

@@ -172,7 +172,6 @@ impl From<&SendError> for CodedError {
     }
 }
 
-/// The error without its sample.
 impl From<&ExchangeError> for CodedError {
     fn from(error: &ExchangeError) -> Self {
         match error {
@@ -182,6 +181,7 @@ impl From<&ExchangeError> for CodedError {
     }
 }
 
+/// The error without its sample.
 impl From<&CompensateError> for CodedError {
     fn from(error: &CompensateError) -> Self {
         match error {

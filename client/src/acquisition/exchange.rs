@@ -1,14 +1,11 @@
 //! The one call that serves a control period.
 
-use super::Acquisition;
 use super::answers::Waiting;
+use super::{Acquisition, MOST_EXCHANGED};
 use crate::loan::{ExchangeError, Loan};
 use core::mem;
 use isotherm_shared::wire::CompensatedIncrement;
 use std::time::Duration;
-
-/// Increments that [`Acquisition::exchange`] returns at once, at most.
-pub(super) const MOST: usize = 512;
 
 impl Acquisition {
     /// Serves a control period: sends all that waits, oldest first, then `sample`, waits up to `timeout` for its
@@ -42,7 +39,7 @@ impl Acquisition {
     pub fn exchange(&mut self, sample: Loan, timeout: Duration) -> Result<&[CompensatedIncrement], ExchangeError> {
         let mut increments = mem::take(&mut self.exchanged);
         increments.clear();
-        let exchanged = self.exchange_each(sample, timeout, MOST, |increment| increments.push(increment));
+        let exchanged = self.exchange_each(sample, timeout, MOST_EXCHANGED, |increment| increments.push(increment));
         self.exchanged = increments;
         exchanged.map(|()| self.exchanged.as_slice())
     }

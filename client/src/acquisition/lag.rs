@@ -1,8 +1,8 @@
 //! What an acquisition reports to its lag.
 
 use crate::lag::{AcquisitionLag, Sensor};
-use isotherm_shared::lag::{Lag, SENSORS};
-use isotherm_shared::wire::RawSample;
+use isotherm_shared::lag::Lag;
+use isotherm_shared::wire::{RawSample, SENSORS};
 
 /// The lag of an acquisition's temperatures: [`Acquisition::lag`](crate::Acquisition::lag).
 #[derive(Debug)]

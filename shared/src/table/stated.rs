@@ -12,7 +12,7 @@
 //! change of a single number is an edited one, or a lost digit.
 
 use super::content::{Axis, Content};
-use super::difference::{UnitCurve, points, unit_factor};
+use super::curves::{UnitCurve, points, unit_factor};
 use super::errors::{G_SENSITIVITY, MISALIGNMENT, StatedErrors, TRANSIENT, first};
 use super::model::CoefficientTable;
 use crate::polynomial::{MAX_ORDER, Polynomial};

@@ -3,7 +3,8 @@
 
 use isotherm_client::{Flags, IncrementReader, RawSample, boot};
 use isotherm_shared::compensate::answer;
-use isotherm_shared::lag::{Lag, SENSORS};
+use isotherm_shared::lag::Lag;
+use isotherm_shared::wire::SENSORS;
 use isotherm_tests::programs::{C, SERIAL, assert_exact, compile, rows, start, whole_csv};
 use isotherm_tests::{TIMEOUT, TestDomain, WHOLE_TABLE, completed, same, table, wait_until, whole_recording};
 use std::fs;

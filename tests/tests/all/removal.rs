@@ -105,6 +105,15 @@ impl Reading {
         Self { newest, end, thread }
     }
 
+    /// One that waits for increments.
+    fn waiting(domain: &TestDomain) -> Self {
+        Self::start(domain, |reader, read| {
+            if let Some(increment) = reader.receive_timeout(Duration::from_millis(20)).unwrap() {
+                assert!(read.insert(increment.sequence), "twice: {}", increment.sequence);
+            }
+        })
+    }
+
     fn newest(&self) -> u64 {
         self.newest.load(Ordering::Relaxed)
     }
@@ -121,11 +130,7 @@ fn service_acquisition_readers_and_recorder_come_back_three_times() {
     let service = domain.serve_recording();
     let recorder = domain.spawn(&["record", "--imu", "imu-a", "-o", "flight.csv"]);
     recorder.wait_for_log("recording imu-a");
-    let waiting = Reading::start(&domain, |reader, read| {
-        if let Some(increment) = reader.receive_timeout(Duration::from_millis(20)).unwrap() {
-            assert!(read.insert(increment.sequence), "twice: {}", increment.sequence);
-        }
-    });
+    let waiting = Reading::waiting(&domain);
     let polling = Reading::start(&domain, |reader, read| {
         let timeout = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
         if let Ok(descriptor) = reader.descriptor() {
@@ -179,11 +184,7 @@ fn service_is_back(service: &isotherm_tests::Process, round: usize, sender: &mut
 fn they_come_back_after_the_folder_was_removed_too() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    let reading = Reading::start(&domain, |reader, read| {
-        if let Some(increment) = reader.receive_timeout(Duration::from_millis(20)).unwrap() {
-            assert!(read.insert(increment.sequence), "twice: {}", increment.sequence);
-        }
-    });
+    let reading = Reading::waiting(&domain);
     let mut sender = Sender::new(domain.acquisition("imu-a"));
     sender.until("the first answers", |sender| sender.answered > 50 && reading.newest() > 10);
     fs::remove_dir_all(domain.client_domain().root_path()).unwrap();
@@ -199,11 +200,7 @@ fn they_come_back_after_the_folder_was_removed_too() {
 fn they_come_back_after_the_files_of_the_streams_were_removed_too() {
     let domain = TestDomain::new();
     let service = domain.serve_recording();
-    let reading = Reading::start(&domain, |reader, read| {
-        if let Some(increment) = reader.receive_timeout(Duration::from_millis(20)).unwrap() {
-            assert!(read.insert(increment.sequence), "twice: {}", increment.sequence);
-        }
-    });
+    let reading = Reading::waiting(&domain);
     let mut sender = Sender::new(domain.acquisition("imu-a"));
     sender.until("the first answers", |sender| sender.answered > 50 && reading.newest() > 10);
     for round in 1..=2 {

@@ -7,11 +7,11 @@ use super::options::{CurveSource, TransientsError};
 use super::readings::{Reading, behind, interpolated};
 use super::recording::RampRecording;
 use core::ops::Range;
-use isotherm_shared::lag::SENSORS;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
+use isotherm_shared::wire::SENSORS;
 use isotherm_statistics::{Sweep, mean, sweeps};
 use isotherm_support::checkpoint::checkpoint;
 
