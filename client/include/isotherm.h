@@ -395,9 +395,9 @@ enum isotherm_code
      */
     ISOTHERM_NONE = 1,
     /**
-     * As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which there
-     * is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and send it again, or discard it, which is a
-     * gap.
+     * As many samples are unanswered as the service's queue holds, or others are kept, which go first and for which
+     * there is no room either. The sample has not been sent and is still yours: keep it with isotherm_keep, wait and
+     * send it again, or discard it, which is a gap.
      */
     ISOTHERM_FULL = 2,
     /**
@@ -812,11 +812,12 @@ isotherm_code isotherm_merge(isotherm_acquisition *acquisition,
  * `*count` is how many. At most `capacity` are written; the others come with the next call.
  *
  * What the service has no room for waits in the memory of this process (isotherm_kept), and a later call sends it: 256
- * samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of this call alone loses
+ * samples at once, then 16 in a millisecond, which readers and recorders can take. So a loop of only this call loses
  * no control period while the service stalls, is away for as many periods as may be kept, or is replaced. Then fewer
  * increments come, or none, which is no error, and later more than one.
  *
- * Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is 0.
+ * Give a time-out that is shorter than the control period; 0 does not wait. `increments` may be NULL if `capacity` is
+ * 0.
  *
  * After ISOTHERM_OK the sample's pointer must not be used any more. After ISOTHERM_ERROR_SEQUENCE and
  * ISOTHERM_ERROR_FORKED the sample is still yours.
@@ -831,8 +832,8 @@ isotherm_code isotherm_exchange(isotherm_acquisition *acquisition,
                                 size_t *count);
 
 /**
- * Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the sample.
- * `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
+ * Sends a sample and wakes the service, after all that is kept. Never waits, and the transport never copies the
+ * sample. `device` is set, and `lag_ns` with the lagged temperature, where they are 0.
  *
  * After ISOTHERM_OK and ISOTHERM_ERROR_TRANSPORT the sample's pointer must not be used any more.
  * After ISOTHERM_FULL and ISOTHERM_ERROR_SEQUENCE the sample is still yours.
@@ -861,8 +862,8 @@ isotherm_code isotherm_keep(isotherm_acquisition *acquisition, isotherm_raw_samp
  * and after an outage no faster than readers and recorders take it (256 samples at once, then 16 in a millisecond).
  * Never waits. Every sending call begins with it. Without anything kept it does nothing.
  *
- * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that was
- * being sent counts as unanswered, and will be sent again.
+ * ISOTHERM_OK, also if some or all go on to wait: isotherm_kept shows it. ISOTHERM_ERROR_TRANSPORT: the period that
+ * was being sent counts as unanswered, and will be sent again.
  */
 isotherm_code isotherm_send_kept(isotherm_acquisition *acquisition);
 
@@ -928,8 +929,8 @@ size_t isotherm_in_flight(const isotherm_acquisition *acquisition);
 
 /**
  * Control periods, of all sessions of this connection, that have a sequence and are gone: samples that were discarded
- * or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples whose
- * sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
+ * or are still on loan, sequences that were left out, periods for which the waiting line had no room, and samples
+ * whose sending has failed. What waits is not lost: isotherm_kept. 0 for a handle that cannot be used.
  */
 uint64_t isotherm_lost(const isotherm_acquisition *acquisition);
 
