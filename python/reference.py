@@ -138,7 +138,7 @@ def page(stub: str) -> str:
     exceptions = [name for name in names if isinstance(getattr(isotherm, name), type) and issubclass(getattr(isotherm, name), Exception)]
     names = [name for name in names if name not in exceptions and name != "Records"]
     placed = {name for part in PARTS.values() for name in part}
-    streams = [name for name in ("Acquisition", "Loan", "Triad", "Increment", "IncrementReader", "Readings", "Flags", "flag_names", "device") if name in names]
+    streams = [name for name in ("Acquisition", "Loan", "Triad", "Increment", "IncrementReader", "Flags", "flag_names", "device") if name in names]
     rest = [name for name in names if name not in placed and name not in streams]
     text = HEAD
     for title, part in {"Streams": streams, **PARTS, "Recordings and other functions": rest, "Exceptions": exceptions}.items():

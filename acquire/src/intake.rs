@@ -10,7 +10,7 @@ use crate::link::SoakSpan;
 use crate::notice::Notice;
 use crate::number::Value;
 use crate::pulses::PulseClock;
-use crate::sample::{Assembler, NoSample, TemperatureColumns, invalidate};
+use crate::sample::{Assembler, NoSample, TemperatureColumns};
 use crate::tally::Tally;
 use crate::timeline::{Counter, FrameObservation, FramePlace, FramePlacement, Timeline};
 use isotherm_client::RawSample;
@@ -176,6 +176,11 @@ impl Intake {
         !self.ends && self.has_sent
     }
 
+    /// Makes the pulses of readings for this interval from now on \[ns\]: that of the table.
+    pub(crate) const fn set_pulse_interval(&mut self, pulse_ns: u64) {
+        self.assembler.set_pulse_interval(pulse_ns);
+    }
+
     /// Takes a row. Gives each sample that is placed to `sink`, with the number of its session from 1.
     pub(crate) fn take(&mut self, row: &[Value], arrived: RowArrival, sink: &mut dyn FnMut(RawSample, u64)) {
         self.tally.frames += 1;
@@ -286,11 +291,11 @@ impl Intake {
         }
         self.last_ns = timestamp_ns;
         let is_other = placed.interval_ns != self.description.timing.interval_ns;
-        let is_valid = placed.is_certain && (!is_other || self.assembler.adopts());
+        let is_valid = placed.is_certain && (!is_other || self.description.columns.adopts());
         self.assembler.set_interval(placed.interval_ns);
         if let Some((mut raw, session)) = self.sample(row, timestamp_ns) {
             if !is_valid {
-                invalidate(&mut raw);
+                raw.invalidate();
                 self.tally.other_rate += 1;
             }
             match self.signature {

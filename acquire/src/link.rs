@@ -1,11 +1,12 @@
 //! The way to the service: what is decoded is sent in order. What the service has no room for waits in the acquisition,
 //! half a minute of it; what comes before there is a service, or before a session may begin, waits here.
 
+use crate::description::Description;
 use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
 use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, monotonic_ns};
 use isotherm_shared::wire::Flags;
-use isotherm_support::failure::{Failure, tell};
+use isotherm_support::failure::{Exit, Failure, tell};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::hash::{BuildHasher as _, RandomState};
@@ -132,6 +133,8 @@ pub(crate) fn any_session() -> u64 {
 /// The acquisition, and the samples that wait for it.
 pub(crate) struct Link {
     imu: ImuId,
+    /// The exit code if the samples cannot be those of the table.
+    contradiction: Exit,
     options: Options,
     acquisition: Option<Acquisition>,
     waiting: VecDeque<QueuedSample>,
@@ -157,13 +160,15 @@ pub(crate) struct Link {
     pub(crate) sent: LinkCounts,
     /// To the acquisition, less those that it has dropped: they were sent, or wait.
     handed_over: u64,
+    /// The interval for which readings become pulses \[ns\]: that of the table, once one is known.
+    pub(crate) pulse_ns: u64,
     pub(crate) recorder: Option<Recorder>,
 }
 
 impl Link {
     /// `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
     pub(crate) fn new(
-        imu: ImuId,
+        description: &Description,
         options: Options,
         interval_ns: Option<u64>,
         note: Option<AcquisitionNote>,
@@ -173,7 +178,8 @@ impl Link {
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
-            imu,
+            imu: description.imu.clone(),
+            contradiction: description.contradiction(),
             options: Options {
                 timeout: Duration::ZERO,
                 kept: limits.connected.min(isotherm_client::MOST_KEPT),
@@ -195,6 +201,7 @@ impl Link {
             soaked: SoakSpan::default(),
             sent: LinkCounts::default(),
             handed_over: 0,
+            pulse_ns: description.timing.interval_ns,
             recorder,
         }
     }
@@ -247,6 +254,13 @@ impl Link {
             }
             let _ = acquisition.send_kept();
             self.sent.sent = self.handed_over - acquisition.kept();
+            if let Some(pulse_ns) = acquisition.pulse_interval().filter(|pulse_ns| *pulse_ns != self.pulse_ns)
+                && let Some(pulses) = self.options.pulses
+            {
+                // What waits gets the pulses of the table in force.
+                self.waiting.iter_mut().for_each(|sample| pulses.rescale(&mut sample.raw, self.pulse_ns, pulse_ns));
+                self.pulse_ns = pulse_ns;
+            }
             let Some(next) = self.waiting.front().filter(|_| self.is_live || !acquisition.is_full()) else { return };
             if next.session != self.session {
                 let before = if self.session == 0 { self.lag } else { Some(self.last.lag(acquisition)) };
@@ -312,7 +326,11 @@ impl Link {
         let goes_on = self.sent.sent > 0 || self.note.as_ref().is_some_and(AcquisitionNote::has_sent);
         let is_over = error.is_permanent() && !goes_on;
         if is_over || self.give_up.is_some_and(|longest| now - self.since > longest) {
-            return Err(error.into());
+            let exit = match error {
+                ConnectError::Pulses { .. } => self.contradiction,
+                _ => return Err(error.into()),
+            };
+            return Err(Failure::new(exit, error.to_string()));
         }
         let text = error.to_string();
         // A service that starts is there within this time.
@@ -358,13 +376,28 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use isotherm_client::Domain;
+    use crate::message_queue::{MessageQueue, MessageStamps};
+    use crate::messages::MessageSettings;
+    use isotherm_client::{Domain, Resolution};
+
+    fn settings(interval_ns: u64) -> MessageSettings {
+        MessageSettings {
+            imu: "imu-a".parse().unwrap(),
+            serial: None,
+            interval_ns,
+            resolution: Resolution::default(),
+            stamps: MessageStamps::Sample,
+            has_gyroscopes: true,
+            temperature: None,
+        }
+    }
 
     #[test]
     fn what_is_kept_is_bounded_in_time_and_number() {
         let of_interval = |interval_ns| {
             let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
-            Link::new("imu-a".parse().unwrap(), options, Some(interval_ns), None, None)
+            let description = Description::of_messages(settings(interval_ns), &MessageQueue::default());
+            Link::new(&description, options, Some(interval_ns), None, None)
         };
         let limits = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).limits);
         let expected = [(16, 16), (12_000, 400), (16_384, 10_000)];

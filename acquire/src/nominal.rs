@@ -2,9 +2,9 @@
 
 use crate::description::{Description, Kind};
 use crate::iio;
-use isotherm_client::Resolution;
+use isotherm_client::{Resolution, SourcePulses};
 use isotherm_recording_formats::convert::{Kind as Count, Sensors};
-use isotherm_shared::table::{CoefficientTable, Content, Nominal, Refusals, nominal_content};
+use isotherm_shared::table::{CoefficientTable, Content, Nominal, PulseScale, Refusals, nominal_content};
 use isotherm_support::failure::{Exit, Failure};
 use std::path::Path;
 
@@ -12,6 +12,25 @@ use std::path::Path;
 const RANGE: [f64; 2] = [-40.0, 85.0];
 
 impl Description {
+    /// What the pulses of its samples are. `sysfs` as for [`nominal`](Self::nominal).
+    pub(crate) fn pulses(&self, sysfs: &Path) -> SourcePulses {
+        let (columns, interval_ns) = (&self.columns, self.timing.interval_ns);
+        let one = self.nominal(sysfs).ok().map(|table| PulseScale::of(&table));
+        let of_gyroscopes = columns.gyroscope.and(one).and_then(|one| one.angle);
+        let are_readings =
+            [columns.accelerometer.is_reading, columns.gyroscope.is_some_and(|gyroscope| gyroscope.is_reading)];
+        let resolution = |one: f64, is_reading: bool| if is_reading { one * 1e9 / interval_ns as f64 } else { one };
+        SourcePulses {
+            interval_ns,
+            are_counts: !columns.adopts(),
+            are_readings,
+            resolution: [
+                one.map(|one| resolution(one.velocity[0], are_readings[0])),
+                of_gyroscopes.map(|angle| resolution(angle[0], are_readings[1])),
+            ],
+        }
+    }
+
     /// The nominal table of the source's samples: scale factors by what a pulse stands for, and nothing else. Its
     /// increments are the readings of the device.
     ///

@@ -107,9 +107,10 @@ pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Fa
     let intake = intake.with_pulses(&settings.sysfs, source.is_live()).of_sender(has_sent);
     let sink = match settings.target {
         Target::Service(ref options) => {
-            let options = Options { serial: description.serial.clone(), ..options.clone() };
+            let pulses = Some(description.pulses(&settings.sysfs));
+            let options = Options { serial: description.serial.clone(), pulses, ..options.clone() };
             let kept = source.is_live().then_some(description.timing.interval_ns);
-            Sink::Service(Box::new(Link::new(imu, options, kept, note, recorder)))
+            Sink::Service(Box::new(Link::new(description, options, kept, note, recorder)))
         }
         Target::Rows(limit) => Sink::Rows(Box::new(PrintedRows::new(imu, limit, recorder)?)),
     };
@@ -208,6 +209,9 @@ impl AcquisitionLoop<'_> {
             self.sink.note_soaked(self.intake.soaked);
             if self.sink.pump()? {
                 return Ok(());
+            }
+            if let Some(pulse_ns) = self.sink.pulse_interval() {
+                self.intake.set_pulse_interval(pulse_ns);
             }
             self.intake.has_sent |= self.sink.has_sent();
             self.look_around()?;

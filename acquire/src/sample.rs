@@ -1,8 +1,9 @@
 //! From the columns of a row to a raw sample.
 
 use crate::number::Value;
-use isotherm_client::{RawSample, ReadingError, Readings, Resolution};
+use isotherm_client::{RawSample, ReadingError, Resolution};
 use isotherm_recording_formats::convert::Linear;
+use isotherm_shared::readings::Readings;
 use isotherm_shared::wire::AXES;
 
 /// The columns of three sensors.
@@ -104,6 +105,17 @@ pub(crate) struct Columns {
     pub(crate) device: u64,
 }
 
+impl Columns {
+    /// Whether samples of another interval than the nominal one are right: increments are, and readings. Counts of a
+    /// reading have scale factors for one interval.
+    pub(crate) fn adopts(&self) -> bool {
+        let of = |axes: &Axes, resolution: f64| !axes.is_reading || resolution != 1.0;
+        let Self { accelerometer, gyroscope, resolution, .. } = self;
+        of(accelerometer, resolution.accelerometer)
+            && gyroscope.as_ref().is_none_or(|axes| of(axes, resolution.gyroscope))
+    }
+}
+
 /// Why a row is no sample.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum NoSample {
@@ -125,6 +137,8 @@ pub(crate) struct Assembler {
     telemetry_ns: u64,
     /// The interval of the samples \[ns\].
     interval_ns: u64,
+    /// The interval for which the pulses of readings are made \[ns\]: that of the table.
+    pulse_ns: u64,
 }
 
 impl Assembler {
@@ -136,7 +150,15 @@ impl Assembler {
             TemperatureColumns::Constant(constant) => [constant; 2 * AXES],
             TemperatureColumns::Columns { .. } => [f64::NAN; 2 * AXES],
         };
-        Self { columns, readings, heads: constant, boards: constant, telemetry_ns: 0, interval_ns: columns.interval_ns }
+        Self {
+            columns,
+            readings,
+            heads: constant,
+            boards: constant,
+            telemetry_ns: 0,
+            interval_ns: columns.interval_ns,
+            pulse_ns: columns.interval_ns,
+        }
     }
 
     /// Forgets what rounding has left: for a new session, and after a gap.
@@ -146,7 +168,7 @@ impl Assembler {
 
     /// Forgets the temperature, too: for a device that was away.
     pub(crate) const fn forget(&mut self) {
-        *self = Self { interval_ns: self.interval_ns, ..Self::new(self.columns) };
+        *self = Self { interval_ns: self.interval_ns, pulse_ns: self.pulse_ns, ..Self::new(self.columns) };
     }
 
     /// Takes this interval for that of the samples \[ns\].
@@ -154,13 +176,12 @@ impl Assembler {
         self.interval_ns = interval_ns;
     }
 
-    /// Whether samples of another interval than the nominal one are right: increments are, and readings. Counts of a
-    /// reading have scale factors for one interval.
-    pub(crate) fn adopts(&self) -> bool {
-        let Columns { accelerometer, gyroscope, resolution, .. } = &self.columns;
-        let of = |axes: &Axes, resolution: f64| !axes.is_reading || resolution != 1.0;
-        of(accelerometer, resolution.accelerometer)
-            && gyroscope.as_ref().is_none_or(|axes| of(axes, resolution.gyroscope))
+    /// Makes the pulses of readings for this interval from now on \[ns\].
+    pub(crate) const fn set_pulse_interval(&mut self, pulse_ns: u64) {
+        if self.pulse_ns != pulse_ns {
+            self.pulse_ns = pulse_ns;
+            self.readings.reset();
+        }
     }
 
     /// A raw sample of a row that was sampled at this time. Session and sequence are not set. Returns also the sensors
@@ -172,7 +193,7 @@ impl Assembler {
     /// [`NoSample`]: the control period is missing.
     pub(crate) fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Result<(RawSample, u8), NoSample> {
         self.take_temperature(row, timestamp_ns);
-        let ratio = self.interval_ns as f64 / self.columns.interval_ns as f64;
+        let ratio = self.interval_ns as f64 / self.pulse_ns as f64;
         let accelerometer = self.columns.accelerometer.readings(row, ratio).ok_or(NoSample::Incomplete)?;
         let gyroscope =
             self.columns.gyroscope.as_ref().map(|axes| axes.readings(row, ratio).ok_or(NoSample::Incomplete));
@@ -221,16 +242,6 @@ impl Assembler {
         }
         if is_new {
             self.telemetry_ns = timestamp_ns;
-        }
-    }
-}
-
-/// Makes a sample invalid: its temperature is not finite, so that no increment is computed of it.
-pub(crate) fn invalidate(raw: &mut RawSample) {
-    for triad in [&mut raw.accelerometers, &mut raw.gyroscopes] {
-        let is_there = triad.head_temperature.iter().any(|temperature| !temperature.is_nan());
-        if is_there {
-            (triad.head_temperature, triad.board_temperature) = ([f64::NAN; AXES], [f64::NAN; AXES]);
         }
     }
 }

@@ -37,6 +37,14 @@ impl Sink {
         }
     }
 
+    /// The interval for which the pulses of readings are to be made \[ns\]; `None` if that is their own.
+    pub(crate) fn pulse_interval(&self) -> Option<u64> {
+        match self {
+            Self::Service(link) => Some(link.pulse_ns),
+            Self::Rows(_) => None,
+        }
+    }
+
     /// Hands on what waits. Returns whether no more is wanted.
     pub(crate) fn pump(&mut self) -> Result<bool, Failure> {
         match self {

@@ -40,7 +40,7 @@
  * but cannot connect, since the C library does not know it. A child that shares the memory, as by vfork(), must call no function.
  * exec() closes all descriptors of the library but the socket of each wake-up event, which needs no special care.
  *
- * Real time. isotherm_loan, _exchange, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system
+ * Real time. isotherm_loan, _fill, _exchange, _send, _keep, _send_kept, _receive and _discard allocate nothing, take no lock and make no system
  * call while service and readers stay the same. The exceptions are the system call that wakes a sleeping service, and the sleeps of a
  * call that waits. What may take long is done by a helper thread of each acquisition, under SCHED_OTHER and with all signals blocked:
  * looking for what cuts the acquisition off, joining again, and reading the status. A thread that waits in a call must not be cancelled by
@@ -552,6 +552,15 @@ typedef struct {
      * ISOTHERM_MOST_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
      */
     uint64_t kept;
+    /**
+     * What one pulse of an accelerometer over the nominal interval of the table stands for [m/s2], 1e-15 to 1e6, such
+     * as 1e-6, if the samples are readings: then isotherm_fill makes their pulses. 0: they have pulses of their own.
+     */
+    double accelerometer_resolution;
+    /**
+     * The same of a gyroscope [rad/s], such as 1e-7, also if there is none.
+     */
+    double gyroscope_resolution;
 } isotherm_options;
 
 /**
@@ -704,33 +713,6 @@ typedef struct {
     isotherm_lagged_reading sensors[ISOTHERM_SENSORS];
 } isotherm_lag;
 
-/**
- * Turns readings into pulses, sample after sample. Begin with
- * `isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = 2500000};`.
- *
- * A pulse is the resolution over the nominal interval, as the table says too: K+ = -K- = g0 / (resolution * interval).
- * What rounding leaves is carried to the next sample, so that all pulses together differ from the integral of all
- * readings by half a pulse at most. Set `remainders` to 0 for a new session, and after a gap.
- */
-typedef struct {
-    /**
-     * What one pulse of an accelerometer stands for [m/s2], 1e-15 to 1e6.
-     */
-    double accelerometer;
-    /**
-     * What one pulse of a gyroscope stands for [rad/s], 1e-15 to 1e6, also if there is none.
-     */
-    double gyroscope;
-    /**
-     * The nominal interval between two samples [ns], 1 to ISOTHERM_MAX_INTERVAL_NS.
-     */
-    uint64_t interval_ns;
-    /**
-     * What rounding has left of A1, A2, A3, G1, G2, G3 [pulse]; over half a pulse counts as 0.
-     */
-    double remainders[ISOTHERM_SENSORS];
-} isotherm_readings;
-
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -742,8 +724,8 @@ extern "C" {
  * `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION,
- * .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or
- * another `size`.
+ * .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, a
+ * resolution whose pulses are not those of the table, or another `size`.
  */
 isotherm_code isotherm_acquisition_connect(const char *imu,
                                            const isotherm_options *options,
@@ -1118,21 +1100,26 @@ uint64_t isotherm_reader_repeats(const isotherm_reader *reader);
 int64_t isotherm_reader_lost_before(const isotherm_reader *reader);
 
 /**
- * Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`
- * [rad/s] about G1, G2, G3, each the mean over the sample's interval. `angular_rate` is NULL for an IMU without
- * gyroscopes: they become absent, with temperature NaN.
+ * Writes the pulses of a sample of an acquisition that has connected with the resolutions of isotherm_options: three of
+ * `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate` [rad/s] about G1, G2, G3, each the mean over
+ * the interval of the sample. `angular_rate` is NULL for an IMU without gyroscopes: they become absent, with
+ * temperature NaN.
  *
- * An `interval_ns` of 0 in the sample becomes the nominal one. Another one, such as the measured interval or that of
- * several samples in one, is kept, and the pulses are those of that interval. All other fields stay. Nothing is
- * allocated, unless it fails.
+ * The pulses are those of the table in force, whatever your own interval is, so the increment is right at any rate.
+ * What rounding leaves is carried to the next sample: all pulses together differ from the integral of all readings by
+ * half a pulse at most. An `interval_ns` of 0 in the sample becomes the nominal interval of the table. All other fields
+ * stay. Nothing is allocated, unless it fails.
+ *
+ * While no table is known, or its pulses stand for something else, samples are invalid: they are sent with
+ * temperatures of NaN, so that their increments are NaN and flagged, and a line on stderr says why.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_VALUE for a reading that is not finite or over 2^32 - 1 pulses, whose sensor the message
- * names, and for a resolution or interval out of its range. Nothing has been changed then.
+ * names, and for an interval or a resolution out of its range. Nothing has been changed then.
  */
-isotherm_code isotherm_readings_fill(isotherm_readings *readings,
-                                     isotherm_raw_sample *sample,
-                                     const double *specific_force,
-                                     const double *angular_rate);
+isotherm_code isotherm_fill(isotherm_acquisition *acquisition,
+                            isotherm_raw_sample *sample,
+                            const double *specific_force,
+                            const double *angular_rate);
 
 /**
  * Writes the mean specific force over an increment's interval to three of `specific_force` [m/s2]: NaN where the
@@ -1232,7 +1219,6 @@ ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, table) == 80);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, flags) == 88);
 ISOTHERM_ASSERT(offsetof(isotherm_compensated_increment, latency_ns) == 96);
 ISOTHERM_ASSERT(sizeof(isotherm_lagged_reading) == 32 && sizeof(isotherm_lag) == 192);
-ISOTHERM_ASSERT(sizeof(isotherm_readings) == 72);
 #undef ISOTHERM_ASSERT
 
 /**

@@ -193,6 +193,9 @@ struct Options {
     double lag_s = ISOTHERM_LAG_SERVICE;
     /// How many control periods of an acquisition wait at most for a service that has no room or is away, 1 to 2^20. Each takes 256 bytes.
     std::uint64_t kept = ISOTHERM_MOST_KEPT;
+    /// What one pulse over the nominal interval of the table stands for [m/s2 and rad/s], such as 1e-6 and 1e-7, if the samples are readings:
+    /// then Acquisition::fill makes their pulses. 0: they have pulses of their own.
+    double accelerometer_resolution = 0, gyroscope_resolution = 0;
 
     const char *domain_or_null() const noexcept { return domain ? domain->c_str() : nullptr; }
 };
@@ -282,7 +285,7 @@ public:
         isotherm_acquisition *handle = nullptr;
         const char *serial = options.serial ? options.serial->c_str() : nullptr;
         const isotherm_options given = {sizeof(isotherm_options), options.domain_or_null(), detail::patience(options.timeout), serial,
-                                        options.lag_s, options.kept};
+                                        options.lag_s, options.kept, options.accelerometer_resolution, options.gyroscope_resolution};
         return detail::result<Acquisition>(isotherm_acquisition_connect(imu.c_str(), &given, &handle),
                                            [&](isotherm_code) { return Acquisition(handle); });
     }
@@ -334,6 +337,16 @@ public:
     {
         RawSample *raw = nullptr;
         return detail::result<Sample>(isotherm_loan(handle_.get(), &raw), [&](isotherm_code) { return Sample(handle_.get(), raw); });
+    }
+
+    /// Writes the pulses of a sample of readings: `specific_force` [m/s2], and `angular_rate` [rad/s] unless the IMU has no gyroscopes, each
+    /// the mean over the interval of the sample. The pulses are those of the table in force, with the resolution of the options; an
+    /// `interval_ns` of 0 becomes the nominal one. Throws Error (ISOTHERM_ERROR_VALUE), and changes nothing, for a reading that is not finite
+    /// or over 2^32 - 1 pulses. See isotherm_fill.
+    Result<void> fill(RawSample &sample, const Vector &specific_force, const std::optional<Vector> &angular_rate = std::nullopt)
+    {
+        return detail::done(
+            isotherm_fill(handle_.get(), &sample, specific_force.data(), angular_rate ? angular_rate->data() : nullptr));
     }
 
     /// Serves a control period: sends all that waits, then the sample, waits up to `timeout` for its increment, and returns all increments that
@@ -522,31 +535,6 @@ private:
         void operator()(isotherm_reader *handle) const noexcept { isotherm_reader_close(handle); }
     };
     std::unique_ptr<isotherm_reader, Close> handle_;
-};
-
-/// Turns readings into pulses, sample after sample. What rounding leaves is carried to the next sample, so that nothing is lost over time.
-class Readings {
-public:
-    /// What one pulse stands for over the nominal interval, which are those of the table: `accelerometer` [m/s2], `gyroscope` [rad/s], both
-    /// 1e-15 to 1e6. fill() throws if they cannot be.
-    Readings(double accelerometer, double gyroscope, std::chrono::nanoseconds interval) noexcept
-        : state_{accelerometer, gyroscope, detail::count(interval), {}}
-    {
-    }
-
-    /// Writes the pulses of a sample: `specific_force` [m/s2], and `angular_rate` [rad/s] unless the IMU has no gyroscopes, each the mean over
-    /// the sample's interval. An `interval_ns` of 0 becomes the nominal one. Throws Error (ISOTHERM_ERROR_VALUE), and changes nothing, for a
-    /// reading that is not finite or over 2^32 - 1 pulses.
-    Result<void> fill(RawSample &sample, const Vector &specific_force, const std::optional<Vector> &angular_rate = std::nullopt)
-    {
-        return detail::done(isotherm_readings_fill(&state_, &sample, specific_force.data(), angular_rate ? angular_rate->data() : nullptr));
-    }
-
-    /// Forgets what rounding has left: for a new session, and after a gap.
-    void reset() noexcept { state_ = {state_.accelerometer, state_.gyroscope, state_.interval_ns, {}}; }
-
-private:
-    isotherm_readings state_;
 };
 
 /// The mean specific force over an increment's interval [m/s2]; NaN where the increment is NaN.

@@ -7,6 +7,7 @@ mod keeping;
 mod lag;
 mod leaving;
 mod ports;
+mod readings;
 
 pub use lag::LagAccess;
 
@@ -19,6 +20,7 @@ use crate::kept::Kept;
 use crate::lag::AcquisitionLag;
 use crate::loan::{InFlight, Loan, LoanMergeError, LoanPlace, SendError, TransportError, transport};
 use crate::process::Process;
+use crate::table_watch::TableWatch;
 use crate::transport::ports::Payload as _;
 use core::mem::{self, ManuallyDrop};
 use isotherm_shared::names::{Domain, ImuId};
@@ -26,6 +28,7 @@ use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
 use joining::{Answer, Question, start_helper};
 use ports::AcquisitionPorts;
+use readings::SamplePulses;
 use std::hash::{BuildHasher as _, RandomState};
 use std::rc::Rc;
 
@@ -45,7 +48,8 @@ const REJOIN_NS: u64 = 2_000_000_000;
 ///
 /// # What it is used for
 /// * Serve a control period: [`loan`](Self::loan) a sample, fill it in, [`exchange`](Self::exchange) it.
-/// * Give temperature as it is measured: [`lag`](Self::lag).
+/// * Give temperature as it is measured: [`lag`](Self::lag). Turn readings in m/s2 and rad/s into pulses:
+///   [`fill`](Self::fill).
 /// * Warm the way of the next sample: [`prepare`](Self::prepare).
 /// * Give a loan back that stands for no period, or sum two: [`cancel`](Self::cancel), [`merge`](Self::merge).
 /// * Send a recording: [`loan_record`](Self::loan_record), [`complete`](Self::complete),
@@ -65,6 +69,9 @@ pub struct Acquisition {
     state: AcquisitionState<RawSample, CompensatedIncrement>,
     clock: Clock,
     lag: AcquisitionLag,
+    watch: TableWatch,
+    /// `None` if nothing is known of them.
+    pulses: Option<SamplePulses>,
     /// Control periods that wait to be sent.
     kept: Kept,
     /// Whether any of them was dropped since the line was last empty.
@@ -98,15 +105,15 @@ impl Acquisition {
         let (domain, mut node) = (&options.domain, None);
         let ports = retry_until(deadline, || AcquisitionPorts::attach(&mut node, domain, imu, deadline))?;
         let (service, depth) = ports.service().ok_or_else(|| ConnectError::NoService(domain.name().to_owned()))?;
-        let mut lag = AcquisitionLag::new(options.lag);
-        lag.connect(domain, imu);
-        Ok(Self {
+        let mut acquisition = Self {
             imu: imu.clone(),
             domain: domain.clone(),
             device: options.serial.as_deref().map_or(0, device),
             state: AcquisitionState::new(random(), depth, queue_depth(depth), service),
             clock: Clock::new(),
-            lag,
+            lag: AcquisitionLag::new(options.lag),
+            watch: TableWatch::default(),
+            pulses: SamplePulses::new(options),
             kept: Kept::new(options.kept),
             is_line_full: false,
             prepared: false,
@@ -118,7 +125,9 @@ impl Acquisition {
             ports: Some(ports),
             helper: start_helper(imu, domain)?,
             process: Process::current(),
-        })
+        };
+        acquisition.settle()?;
+        Ok(acquisition)
     }
 
     /// The IMU.
@@ -144,6 +153,7 @@ impl Acquisition {
         }
         self.state.begin_session(random()).map_err(InFlight)?;
         self.lag.reset();
+        self.pulses.iter_mut().for_each(SamplePulses::reset);
         Ok(())
     }
 
@@ -169,7 +179,7 @@ impl Acquisition {
 
     /// The lag of the temperatures, for the functions that inform it of them: its readings, or one that was saved.
     pub fn lag(&mut self) -> LagAccess<'_> {
-        self.renew_lag();
+        self.renew();
         LagAccess { lag: &mut self.lag }
     }
 
@@ -181,6 +191,7 @@ impl Acquisition {
             sample.device = self.device;
         }
         self.lag.fill(sample);
+        self.judge(sample);
     }
 
     /// Loans a sample in shared memory, to be filled in: [`RawSample::default`] with its session and sequence, so every
@@ -316,6 +327,7 @@ impl Acquisition {
             sample.device = self.device;
         }
         self.lag.fill(&mut sample);
+        self.judge(&mut sample);
         self.state.take(sequence);
         let copy = self.state.send(sequence, &sample, now);
         (copy.sent_ns, sample.sent_ns) = (now, now);

@@ -7,12 +7,14 @@ use crate::lag_option::LagOption;
 use crate::objects::{OwnFile, domain_files, refuse_foreign, removed_memory, sweep};
 use crate::peers::{payload_of, publisher_of, register_own};
 use crate::resources::{check_memory, check_room};
+use crate::source_pulses::SourcePulses;
 use crate::transport::own_static::close_on_exec;
 use crate::transport::stream::{self, IpcNode};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode};
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use isotherm_shared::names::{Domain, DomainError, ImuId};
+use isotherm_shared::readings::Resolution;
 use isotherm_support::failure::shown;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -60,6 +62,13 @@ pub struct Options {
     pub serial: Option<String>,
     /// Which time constant the lagged temperature of an acquisition has.
     pub lag: LagOption,
+    /// What one pulse over the nominal interval of the table stands for, of an acquisition whose samples are readings in
+    /// m/s2 and rad/s: then [`Acquisition::fill`](crate::Acquisition::fill) makes its pulses. `None`: the samples have
+    /// pulses of their own.
+    pub resolution: Option<Resolution>,
+    /// What the pulses are of an acquisition that makes them by itself. They are compared with the table in force;
+    /// `None`: they are not.
+    pub pulses: Option<SourcePulses>,
     /// How many control periods of an acquisition wait at most for a service that has no room or is away, 1 to 2^20:
     /// [`MOST_KEPT`] unless given. A number outside is taken for the nearest inside. Each takes 256 bytes, which are
     /// allocated when the acquisition connects.
@@ -70,7 +79,7 @@ impl Options {
     /// This domain and time-out; no serial number, and the time constant of the service.
     #[must_use]
     pub const fn new(domain: Domain, timeout: Duration) -> Self {
-        Self { domain, timeout, serial: None, lag: LagOption::Service, kept: MOST_KEPT }
+        Self { domain, timeout, serial: None, lag: LagOption::Service, resolution: None, pulses: None, kept: MOST_KEPT }
     }
 
     /// As [`new`](Self::new), with the domain of the environment variables and a time-out of 5 s.

@@ -93,6 +93,14 @@ pub enum ConnectError {
         /// How far the service's clock is ahead \[ns\].
         ahead_ns: i64,
     },
+    /// The readings of the acquisition cannot be pulses of the table in force. The message contains the remedy.
+    #[error("the readings do not fit the table of IMU {imu}: {cause}")]
+    Pulses {
+        /// The requested IMU.
+        imu: ImuId,
+        /// Why.
+        cause: String,
+    },
     /// The service's shared memory is not this process's.
     #[error(
         "the service has another {SHARED_MEMORY} than this process: they are in different mount namespaces, as of containers; give both the \
@@ -153,6 +161,7 @@ impl ConnectError {
                 | Self::OtherVersion { .. }
                 | Self::OtherClock { .. }
                 | Self::OtherMemory
+                | Self::Pulses { .. }
         )
     }
 
@@ -175,6 +184,7 @@ impl From<ConnectError> for Failure {
             | ConnectError::OtherClock { .. }
             | ConnectError::OtherMemory => Exit::Unavailable,
             ConnectError::Domain(_) => Exit::Usage,
+            ConnectError::Pulses { .. } => Exit::Config,
             ConnectError::Exhausted(_) => Exit::Io,
             ConnectError::Permission { .. } | ConnectError::Foreign(_) => Exit::OtherUser,
             ConnectError::Occupied { .. } | ConnectError::NoRoom { .. } | ConnectError::Transport { .. } => {

@@ -67,6 +67,11 @@ impl Kept {
         }
     }
 
+    /// The places of the samples that wait, and of others.
+    pub(crate) fn places_mut(&mut self) -> impl Iterator<Item = &mut RawSample> {
+        self.samples.iter_mut()
+    }
+
     /// Takes the oldest out.
     pub(crate) fn pop(&mut self) -> Option<RawSample> {
         let oldest = *self.samples.get(self.first).filter(|_| self.len > 0)?;

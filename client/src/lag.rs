@@ -1,20 +1,14 @@
 //! The lagged temperature of live samples: an acquisition feeds its readings, and every sample that it sends carries
 //! the state.
 
-use crate::clock::{boot, monotonic_ns};
-use crate::connect::Options;
+use crate::clock::boot;
 use crate::lag_option::LagOption;
-use crate::status::fetch_status;
 use core::str::FromStr;
 use isotherm_shared::lag::{Lag, ReadingLimits};
-use isotherm_shared::names::{Domain, ImuId};
-use isotherm_shared::status::{ImuStatus, ServiceStatus};
+use isotherm_shared::status::ImuStatus;
 use isotherm_shared::time_constant::TimeConstant;
-use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, SENSORS};
-use std::time::Duration;
+use isotherm_shared::wire::{AXES, RawSample, SENSORS};
 
-/// Pause between two questions \[ns\].
-const RETRY_NS: u64 = 1_000_000_000;
 /// The bits of all sensors.
 const ALL: u8 = (1 << SENSORS) - 1;
 
@@ -69,12 +63,6 @@ pub(crate) struct AcquisitionLag {
     fed: u8,
     /// The sensors whose last reading was handed over, and none has come since.
     restored: u8,
-    /// The table of the last increment that was flagged [`Flags::LAG_UNKNOWN`]; 0 before.
-    flagged: u64,
-    /// The table of the last status that was an answer, whose time constant is known; 0 before.
-    settled: u64,
-    /// A question that failed is not repeated before this \[ns\].
-    retry_ns: u64,
 }
 
 impl AcquisitionLag {
@@ -85,55 +73,19 @@ impl AcquisitionLag {
         };
         let mut lag = Lag { boot: boot(), ..Lag::new(lag_ns) };
         (0..SENSORS).for_each(|sensor| lag.forget(sensor));
-        Self { option, lag, fed: 0, restored: 0, flagged: 0, settled: 0, retry_ns: 0 }
+        Self { option, lag, fed: 0, restored: 0 }
     }
 
-    /// Waits for the time constant in force, if the service is to give it. A service that does not answer in time is
-    /// asked again when its increments are flagged.
-    pub(crate) fn connect(&mut self, domain: &Domain, imu: &ImuId) {
-        if self.option == LagOption::Service
-            && let Ok(status) = fetch_status(&Options::new(domain.clone(), Duration::ZERO))
-        {
-            self.learn(&status, imu);
+    /// Takes the time constant and the ranges of the table in force, if the service is to give them.
+    pub(crate) fn learn(&mut self, in_force: &ImuStatus) {
+        if self.option != LagOption::Service {
+            return;
         }
-    }
-
-    /// Takes the time constant of the table in force. The table may be another one than that of the flagged increments:
-    /// then their question is void, and the next flagged increment asks again.
-    pub(crate) fn learn(&mut self, status: &ServiceStatus, imu: &ImuId) {
-        let in_force = status.imus.iter().find(|known| known.id == imu.as_str());
-        self.settled = in_force.map_or(0, ImuStatus::table_id);
-        self.flagged = self.settled;
-        if let Some(imu) = in_force {
-            self.lag.limits = ReadingLimits::of_status(imu);
-        }
+        self.lag.limits = ReadingLimits::of_status(in_force);
         // A table without a time constant needs none. The old one stays, so that L goes on for a later table.
-        if let Some(Ok(time_constant)) = in_force.and_then(|imu| imu.lag_s).map(TimeConstant::from_seconds) {
+        if let Some(Ok(time_constant)) = in_force.lag_s.map(TimeConstant::from_seconds) {
             self.lag.lag_ns = time_constant.ns();
         }
-    }
-
-    /// Looks at table and flags of an answer.
-    #[inline]
-    pub(crate) fn note(&mut self, answer: &CompensatedIncrement) {
-        if Flags(answer.flags).intersects(Flags::LAG_UNKNOWN) {
-            self.flagged = answer.table;
-        }
-    }
-
-    /// Whether the service has to be asked for the time constant again: there are flagged increments of another table
-    /// than the one whose time constant is known. Not again within a second.
-    pub(crate) fn asks(&mut self) -> bool {
-        let asks = self.flagged != self.settled && self.option == LagOption::Service;
-        if !asks {
-            return false;
-        }
-        let now = monotonic_ns();
-        let is_due = now >= self.retry_ns;
-        if is_due {
-            self.retry_ns = now + RETRY_NS;
-        }
-        is_due
     }
 
     pub(crate) fn read(&mut self, sensor: usize, temperature: f64, time_ns: u64) {

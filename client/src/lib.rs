@@ -44,7 +44,7 @@
 //! * [`Acquisition::lag`] takes the temperatures as they are measured. The library keeps its first-order lag,
 //!   which a table with transient terms needs, and sends it with each sample. [`isotherm_shared::lag`] has the formula,
 //!   `docs/temperature-in-motion.md` the whole story.
-//! * [`Readings`] turns readings in m/s2 and rad/s into the pulses of a sample, and increments have
+//! * [`Acquisition::fill`] turns readings in m/s2 and rad/s into the pulses of a sample, and increments have
 //!   [`specific_force`](CompensatedIncrement::specific_force) and [`angular_rate`](CompensatedIncrement::angular_rate).
 //! * [`Acquisition::prepare`], called while you wait for the end of a control period, warms the way of the next sample.
 //! * [`IncrementReader`] is for all other readers of increments: navigation, loggers. It sleeps until increments are
@@ -91,8 +91,10 @@ mod reader;
 mod realtime;
 mod rehearsal;
 mod resources;
+mod source_pulses;
 mod status;
 pub mod sync;
+mod table_watch;
 mod tap;
 pub mod transport;
 mod unix_time;
@@ -111,7 +113,7 @@ pub use error::{ConnectError, shortage};
 pub use folder::{check_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::names::{Domain, DomainError, ImuId};
-pub use isotherm_shared::readings::{ReadingError, Readings, Resolution};
+pub use isotherm_shared::readings::{ReadingError, Resolution};
 pub use isotherm_shared::time_constant::{InvalidTimeConstant, TimeConstant};
 pub use isotherm_shared::wire::{CompensatedIncrement, Flags, MergeError, RawSample, Triad, device};
 pub use kept::{KEPT_RANGE, MOST_KEPT};
@@ -128,6 +130,7 @@ pub use reader::{IncrementReader, RawReader, Reader};
 pub use realtime::{Realtime, RealtimeError, process_kb};
 pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams};
 pub use resources::{check_descriptors, check_room, note_memory, reserve};
+pub use source_pulses::SourcePulses;
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};
 pub use transport::ports::Payload;

@@ -4,7 +4,7 @@
  *
  *     mems IMU [SAMPLES]
  *
- * Replace read_imu() by your driver. Resolution and interval are those of the table, here of examples/tables/imu-mems.toml. The pace of
+ * Replace read_imu() by your driver. The resolution is that of the table, here of examples/tables/imu-mems.toml; the interval is your own. The pace of
  * an IMU, and what to do when the service is away: paced.c. The environment variable ISOTHERM_DOMAIN names the domain.
  */
 #include <inttypes.h>
@@ -24,7 +24,7 @@ static double read_imu(uint64_t sample, double *specific_force, double *angular_
     return 31.25;
 }
 
-static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_readings *readings, uint64_t number)
+static isotherm_code exchange(isotherm_acquisition *acquisition, uint64_t number)
 {
     double force[3], rate[3];
     double temperature = read_imu(number, force, rate);
@@ -33,10 +33,9 @@ static isotherm_code exchange(isotherm_acquisition *acquisition, isotherm_readin
     if (code != ISOTHERM_OK)
         return code;
     sample->timestamp_ns = (number + 1) * INTERVAL_NS;
-    /* The nominal interval, unless interval_ns has the measured one. */
-    if (isotherm_readings_fill(readings, sample, force, rate) != ISOTHERM_OK) {
+    sample->interval_ns = INTERVAL_NS;
+    if (isotherm_fill(acquisition, sample, force, rate) != ISOTHERM_OK) {
         fprintf(stderr, "%s\n", isotherm_error_message());
-        memset(readings->remainders, 0, sizeof readings->remainders);
         return isotherm_discard(acquisition, sample); /* a gap for every reader */
     }
     for (unsigned axis = 0; axis < 3; axis++) {
@@ -61,11 +60,11 @@ int main(int count, char **words)
         return 64;
     }
     uint64_t samples = count == 3 ? strtoull(words[2], NULL, 10) : 8;
-    isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = INTERVAL_NS};
+    const isotherm_options options = {.accelerometer_resolution = 1e-6, .gyroscope_resolution = 1e-7};
     isotherm_acquisition *acquisition = NULL;
-    isotherm_code code = isotherm_acquisition_connect(words[1], NULL, &acquisition);
+    isotherm_code code = isotherm_acquisition_connect(words[1], &options, &acquisition);
     for (uint64_t number = 0; number < samples && code == ISOTHERM_OK; number++)
-        code = exchange(acquisition, &readings, number);
+        code = exchange(acquisition, number);
     if (code != ISOTHERM_OK)
         fprintf(stderr, "mems: %s\n", isotherm_error_message());
     isotherm_acquisition_close(acquisition);

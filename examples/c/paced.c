@@ -4,7 +4,7 @@
  *     paced IMU [PERIODS [CORE PRIORITY]]
  *
  * Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same.
- * Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. Resolution and interval are those of the table,
+ * Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. The resolution is that of the table,
  * here of examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. CORE
  * and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment
  * variable ISOTHERM_DOMAIN names the domain.
@@ -26,7 +26,6 @@
 /* prepare() takes some ten microseconds in cold caches. */
 #define PREPARE_NS 100000u
 
-static isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = PERIOD_NS};
 static uint64_t began, increments;
 static double velocity[3], angle[3];
 
@@ -72,13 +71,13 @@ static isotherm_code latch(isotherm_acquisition *acquisition, isotherm_raw_sampl
         isotherm_reading_of_all(acquisition, temperature, measured);
     }
     sample->timestamp_ns = end;
+    sample->interval_ns = PERIOD_NS;
     sample->telemetry_ns = measured;
     for (unsigned axis = 0; axis < 3; axis++) {
         sample->accelerometers.head_temperature[axis] = sample->accelerometers.board_temperature[axis] = temperature;
         sample->gyroscopes.head_temperature[axis] = sample->gyroscopes.board_temperature[axis] = temperature;
     }
-    /* Pulses, and the nominal interval unless interval_ns has the measured one. */
-    return isotherm_readings_fill(&readings, sample, force, rate);
+    return isotherm_fill(acquisition, sample, force, rate);
 }
 
 /* Navigation: a value counts if it is finite, whatever the flags say. */
@@ -118,7 +117,6 @@ static isotherm_code run(isotherm_acquisition *acquisition, uint64_t periods)
                 use(&arrived[i]);
         } else {
             fprintf(stderr, "%s\n", isotherm_error_message());
-            memset(readings.remainders, 0, sizeof readings.remainders);
             code = isotherm_discard(acquisition, sample); /* a gap for every reader */
         }
     }
@@ -144,6 +142,8 @@ int main(int count, char **words)
     /* Before connecting, so that all memory is resident. Without arguments only sleeps become exact, which needs no right. */
     isotherm_code code = count > 3 ? isotherm_realtime(atoi(words[3]), atoi(words[4]), true, 1) : isotherm_realtime(-1, 0, false, 1);
     isotherm_options options = {.size = sizeof options, .serial = getenv("SERIAL")};
+    options.accelerometer_resolution = 1e-6; /* m/s2 */
+    options.gyroscope_resolution = 1e-7;     /* rad/s */
     isotherm_acquisition *acquisition = NULL;
     if (code == ISOTHERM_OK)
         code = isotherm_acquisition_connect(words[1], &options, &acquisition);

@@ -3,7 +3,7 @@
 //
 //     mems IMU [SAMPLES]
 //
-// Replace read_imu() by your driver. Resolution and interval are those of the table, here of examples/tables/imu-mems.toml. The pace of
+// Replace read_imu() by your driver. The resolution is that of the table, here of examples/tables/imu-mems.toml; the interval is your own. The pace of
 // an IMU, and what to do when the service is away: paced.cpp. The environment variable ISOTHERM_DOMAIN names the domain.
 #include <algorithm>
 #include <cstdio>
@@ -27,17 +27,15 @@ static Reading read_imu(unsigned sample)
 
 static void run(isotherm::Acquisition &acquisition, unsigned samples)
 {
-    isotherm::Readings readings(1e-6, 1e-7, INTERVAL);
     for (unsigned number = 0; number < samples; number++) {
         const auto reading = read_imu(number);
         auto sample = acquisition.loan();
         sample->timestamp_ns = static_cast<std::uint64_t>((number + 1) * INTERVAL.count());
+        sample->interval_ns = static_cast<std::uint64_t>(INTERVAL.count());
         try {
-            // The nominal interval, unless interval_ns has the measured one.
-            readings.fill(*sample, reading.specific_force, reading.angular_rate);
+            acquisition.fill(*sample, reading.specific_force, reading.angular_rate);
         } catch (const isotherm::Error &error) {
             std::cerr << error.what() << '\n';  // the sample is destroyed, a gap for every reader
-            readings.reset();
             continue;
         }
         for (auto *triad : {&sample->accelerometers, &sample->gyroscopes}) {
@@ -59,7 +57,10 @@ try {
         std::cerr << "usage: " << words[0] << " IMU [SAMPLES]\n";
         return 64;
     }
-    isotherm::Acquisition acquisition(words[1]);
+    isotherm::Options options;
+    options.accelerometer_resolution = 1e-6;  // m/s2
+    options.gyroscope_resolution = 1e-7;      // rad/s
+    isotherm::Acquisition acquisition(words[1], options);
     run(acquisition, count == 3 ? static_cast<unsigned>(std::stoul(words[2])) : 8);
     return 0;
 } catch (const std::exception &error) {

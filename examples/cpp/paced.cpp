@@ -3,7 +3,7 @@
 //     paced IMU [PERIODS [CORE PRIORITY]]
 //
 // Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same.
-// Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. Resolution and interval are those of the table,
+// Replace wait_for_period() and read_imu() by your hardware, and use() by your navigation. The resolution is that of the table,
 // here of examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. CORE
 // and PRIORITY (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment
 // variable ISOTHERM_DOMAIN names the domain.
@@ -54,7 +54,6 @@ public:
                 if (error.code() != ISOTHERM_ERROR_VALUE)
                     throw;
                 std::cerr << error.what() << '\n';  // the sample is dropped, a gap for every reader
-                readings_.reset();
                 continue;
             }
             // While the service has no room, or is away, the sample waits, and a later call sends it.
@@ -88,6 +87,7 @@ private:
     {
         const auto reading = read_imu(period);
         sample.timestamp_ns = static_cast<std::uint64_t>(std::chrono::nanoseconds(end.time_since_epoch()).count());
+        sample.interval_ns = static_cast<std::uint64_t>(std::chrono::nanoseconds(PERIOD).count());
         if (period % TEMPERATURE_PERIODS == 0) {
             // A new measurement. The library keeps its lag; a value that is only repeated is not given again.
             temperature_ = reading.temperature;
@@ -95,8 +95,7 @@ private:
             acquisition_.reading_of_all(temperature_, measured_);
         }
         sample.telemetry_ns = measured_;
-        // Pulses, and the nominal interval unless interval_ns has the measured one.
-        readings_.fill(sample, reading.specific_force, reading.angular_rate);
+        acquisition_.fill(sample, reading.specific_force, reading.angular_rate);
         for (auto *triad : {&sample.accelerometers, &sample.gyroscopes})
             for (unsigned axis = 0; axis < 3; axis++)
                 triad->head_temperature[axis] = triad->board_temperature[axis] = temperature_;
@@ -119,7 +118,6 @@ private:
     }
 
     isotherm::Acquisition acquisition_;
-    isotherm::Readings readings_{1e-6, 1e-7, PERIOD};
     double temperature_ = 0, velocity_[3] = {}, angle_[3] = {};
     std::uint64_t measured_ = 0;
     unsigned increments_ = 0;
@@ -141,6 +139,8 @@ try {
     }
     realtime.apply();
     isotherm::Options options;
+    options.accelerometer_resolution = 1e-6;  // m/s2
+    options.gyroscope_resolution = 1e-7;      // rad/s
     if (const char *serial = std::getenv("SERIAL"))
         options.serial = serial;
     Paced(words[1], options).run(count > 2 ? static_cast<unsigned>(std::stoul(words[2])) : 4000);

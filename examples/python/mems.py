@@ -3,7 +3,7 @@ again, compensated.
 
     python mems.py [--imu imu-mems] [--samples N]
 
-Replace `read_imu` by your driver. Resolution and interval are those of the table, here of examples/tables/imu-mems.toml. The pace of an IMU,
+Replace `read_imu` by your driver. The resolution is that of the table, here of examples/tables/imu-mems.toml; the interval is your own. The pace of an IMU,
 and what to do when the service is away: paced.py. The environment variable ISOTHERM_DOMAIN names the domain.
 """
 
@@ -27,18 +27,15 @@ def main() -> None:
     arguments.add_argument("--imu", default="imu-mems")
     arguments.add_argument("--samples", type=int, default=8)
     options = arguments.parse_args()
-    readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=INTERVAL_NS)
-    with isotherm.Acquisition(options.imu) as acquisition:
+    with isotherm.Acquisition(options.imu, resolution=(1e-6, 1e-7)) as acquisition:
         for number in range(options.samples):
             specific_force, angular_rate, temperature = read_imu(number)
             sample = acquisition.loan()
-            sample.timestamp_ns = (number + 1) * INTERVAL_NS
+            sample.timestamp_ns, sample.interval_ns = (number + 1) * INTERVAL_NS, INTERVAL_NS
             try:
-                # The nominal interval, unless `interval_ns` has the measured one.
-                readings.fill(sample, specific_force, angular_rate)
+                acquisition.fill(sample, specific_force, angular_rate)
             except ValueError as error:
                 print(error, file=sys.stderr)  # the sample is left out, a gap for every reader
-                readings.reset()
                 continue
             for triad in (sample.accelerometers, sample.gyroscopes):
                 triad.head_temperature = triad.board_temperature = (temperature,) * 3

@@ -3,7 +3,7 @@
     python paced.py [--imu imu-mems] [--periods N] [--core N --priority N]
 
 Start with this program. It loses no control period while the service is away or replaced, and says so where one is lost all the same. Replace
-`read_imu` by your hardware, and `navigate` by your navigation. Resolution and interval are those of the table, here of
+`read_imu` by your hardware, and `navigate` by your navigation. The resolution is that of the table, here of
 examples/tables/imu-mems.toml. An IMU that counts pulses writes them, and the measured gate length, into the sample itself. Core and priority
 (SCHED_FIFO, 1 to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
 ISOTHERM_DOMAIN names the domain.
@@ -38,7 +38,6 @@ def read_imu(period: int) -> tuple[Vector, Vector, float]:
 class Paced:
     def __init__(self, acquisition: isotherm.Acquisition) -> None:
         self.acquisition = acquisition
-        self.readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=PERIOD_NS)
         self.temperature, self.measured_ns = 0.0, 0
         self.increments = 0
         self.velocity, self.angle = np.zeros(3), np.zeros(3)
@@ -56,7 +55,6 @@ class Paced:
                 self.latch(sample, period, end)
             except ValueError as error:
                 print(error, file=sys.stderr)  # the sample is dropped, a gap for every reader
-                self.readings.reset()
                 continue
             # While the service has no room, or is away, the sample waits, and a later call sends it.
             self.navigate(self.acquisition.exchange(sample, timeout=TIMEOUT_S))
@@ -72,9 +70,9 @@ class Paced:
         if period % TEMPERATURE_PERIODS == 0:  # a new measurement; a value that is only repeated is not given again
             self.temperature, self.measured_ns = temperature, end
             self.acquisition.reading_of_all(temperature, end)
-        sample.timestamp_ns = end
+        sample.timestamp_ns, sample.interval_ns = end, PERIOD_NS
         sample.telemetry_ns = self.measured_ns
-        self.readings.fill(sample, specific_force, angular_rate)  # with the nominal interval, unless `interval_ns` has the measured one
+        self.acquisition.fill(sample, specific_force, angular_rate)
         for triad in (sample.accelerometers, sample.gyroscopes):
             triad.head_temperature = triad.board_temperature = (self.temperature,) * 3
 
@@ -103,7 +101,7 @@ def main() -> None:
     if options.priority is not None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(options.priority))
     gc.disable()  # nothing here makes cycles, and a collection takes milliseconds
-    with isotherm.Acquisition(options.imu, serial=os.environ.get("SERIAL")) as acquisition:
+    with isotherm.Acquisition(options.imu, serial=os.environ.get("SERIAL"), resolution=(1e-6, 1e-7)) as acquisition:
         paced = Paced(acquisition)
         paced.run(options.periods)
         lost, _ = acquisition.close()

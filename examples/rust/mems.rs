@@ -3,12 +3,12 @@
 //!
 //!     example-mems IMU [SAMPLES]
 //!
-//! Replace `read_imu` by your driver. Resolution and interval are those of the table, here of
-//! examples/tables/imu-mems.toml. The pace of an IMU, and what to do when the service is away: paced.rs. The
+//! Replace `read_imu` by your driver. The resolution is that of the table, here of examples/tables/imu-mems.toml; the
+//! interval is your own. The pace of an IMU, and what to do when the service is away: paced.rs. The
 //! environment variable `ISOTHERM_DOMAIN` names the domain.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
-use isotherm_client::{Acquisition, Options, Readings, Resolution};
+use isotherm_client::{Acquisition, Options, Resolution};
 use std::env;
 use std::error::Error;
 use std::time::Duration;
@@ -26,16 +26,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let words: Vec<_> = env::args().skip(1).collect();
     let [imu, rest @ ..] = words.as_slice() else { return Err("usage: example-mems IMU [SAMPLES]".into()) };
     let samples = rest.first().map_or(Ok(8), |word| word.parse())?;
-    let mut acquisition = Acquisition::connect(&imu.parse()?, &Options::from_environment()?)?;
-    let mut readings = Readings::new(RESOLUTION, INTERVAL_NS);
+    let options = Options { resolution: Some(RESOLUTION), ..Options::from_environment()? };
+    let mut acquisition = Acquisition::connect(&imu.parse()?, &options)?;
     for number in 0..samples {
         let (specific_force, angular_rate, temperature) = read_imu(number);
         let mut sample = acquisition.loan()?;
-        sample.timestamp_ns = (number + 1) * INTERVAL_NS;
-        // The nominal interval, unless `interval_ns` has the measured one.
-        if let Err(error) = readings.fill(&mut sample, specific_force, Some(angular_rate)) {
+        (sample.timestamp_ns, sample.interval_ns) = ((number + 1) * INTERVAL_NS, INTERVAL_NS);
+        if let Err(error) = acquisition.fill(&mut sample, specific_force, Some(angular_rate)) {
             eprintln!("{error}"); // the sample is dropped, a gap for every reader
-            readings.reset();
             continue;
         }
         sample.accelerometers.head_temperature = [temperature; 3];

@@ -4,15 +4,14 @@
 //!
 //! Start with this program. It loses no control period while the service is away or replaced, and says so where one is
 //! lost all the same. Replace `wait_for_period` and `read_imu` by your hardware, and `navigate` by your navigation.
-//! Resolution and interval are those of the table, here of examples/tables/imu-mems.toml. An IMU that counts pulses
+//! The resolution is that of the table, here of examples/tables/imu-mems.toml; the period is your own. An IMU that counts pulses
 //! writes them, and the measured gate length, into the sample itself. CORE and PRIORITY (`SCHED_FIFO`, 1 to 99) are for
 //! a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
 //! `ISOTHERM_DOMAIN` names the domain.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 
 use isotherm_client::{
-    Acquisition, CompensatedIncrement, Flags, Options, RawSample, ReadingError, Readings, Realtime, Resolution,
-    monotonic_ns,
+    Acquisition, CompensatedIncrement, Flags, Options, RawSample, ReadingError, Realtime, Resolution, monotonic_ns,
 };
 use std::env;
 use std::error::Error;
@@ -31,7 +30,6 @@ const PREPARE_NS: u64 = 100_000;
 
 struct Paced {
     acquisition: Acquisition,
-    readings: Readings,
     temperature: f64,
     measured_ns: u64,
     navigation: Navigation,
@@ -59,10 +57,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             Realtime { core: Some(core.parse()?), priority: Some(priority.parse()?), lock_memory: true, ..realtime };
     }
     realtime.apply()?;
-    let options = Options { serial: env::var("SERIAL").ok(), ..Options::from_environment()? };
+    let options =
+        Options { serial: env::var("SERIAL").ok(), resolution: Some(RESOLUTION), ..Options::from_environment()? };
     let paced = Paced {
         acquisition: Acquisition::connect(&imu.parse()?, &options)?,
-        readings: Readings::new(RESOLUTION, PERIOD_NS),
         temperature: 0.0,
         measured_ns: 0,
         navigation: Navigation::default(),
@@ -85,7 +83,6 @@ impl Paced {
             let mut sample = self.acquisition.loan()?;
             if let Err(error) = self.latch(&mut sample, period, end) {
                 eprintln!("{error}"); // the sample is dropped, a gap for every reader
-                self.readings.reset();
                 continue;
             }
             // While the service has no room, or is away, the sample waits, and a later call sends it.
@@ -126,10 +123,9 @@ impl Paced {
             (self.temperature, self.measured_ns) = (temperature, end);
             self.acquisition.lag().reading_of_all(temperature, end);
         }
-        sample.timestamp_ns = end;
+        (sample.timestamp_ns, sample.interval_ns) = (end, PERIOD_NS);
         sample.telemetry_ns = self.measured_ns;
-        // Pulses, and the nominal interval unless `interval_ns` has the measured one.
-        self.readings.fill(sample, specific_force, Some(angular_rate))?;
+        self.acquisition.fill(sample, specific_force, Some(angular_rate))?;
         for triad in [&mut sample.accelerometers, &mut sample.gyroscopes] {
             (triad.head_temperature, triad.board_temperature) = ([self.temperature; 3], [self.temperature; 3]);
         }

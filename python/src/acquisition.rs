@@ -16,7 +16,7 @@ use crate::value::stays;
 use crate::wait::{SLICE, poll_until, seconds};
 use isotherm_client::{
     Acquisition as Client, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT_RANGE, LagOption,
-    Loan as ClientLoan, MOST_KEPT, Options, RawSample, SendError, Triad,
+    Loan as ClientLoan, MOST_KEPT, Options, RawSample, Resolution, SendError, Triad,
 };
 use numpy::PyArrayMethods as _;
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -66,6 +66,8 @@ fn gone() -> PyErr {
 /// `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
 /// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then. `kept`
 /// is how many control periods wait at most for a service that has no room or is away; each takes 256 bytes.
+/// `resolution` is what one pulse over the nominal interval of the table stands for [m/s2, rad/s], such as (1e-6, 1e-7),
+/// if the samples are readings: then `fill` makes their pulses. Raises IsothermError if those are not the table's.
 ///
 /// >>> samples = isotherm.read_recording("run.csv")
 /// >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
@@ -105,9 +107,9 @@ impl Acquisition {
     #[new]
     #[pyo3(
         signature = (
-            imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service), kept = MOST_KEPT
+            imu, domain = None, timeout = 5.0, *, serial = None, lag = LagArgument(LagOption::Service), kept = MOST_KEPT, resolution = None
         ),
-        text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service', kept=16384)"
+        text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service', kept=16384, resolution=None)"
     )]
     fn new(
         py: Python<'_>,
@@ -117,14 +119,16 @@ impl Acquisition {
         serial: Option<String>,
         lag: LagArgument,
         kept: usize,
+        resolution: Option<(f64, f64)>,
     ) -> PyResult<Self> {
         if !KEPT_RANGE.contains(&kept) {
             return Err(PyValueError::new_err(format!("kept is {kept}, give 1 to {}", KEPT_RANGE.end())));
         }
         let (id, timeout) = (imu_id(imu)?, seconds("timeout", timeout)?);
+        let resolution = resolution.map(|(accelerometer, gyroscope)| Resolution { accelerometer, gyroscope });
         let mut last = None;
         let client = poll_until(py, timeout, |left| {
-            let options = Options { serial: serial.clone(), lag: lag.0, kept, ..options(domain, left)? };
+            let options = Options { serial: serial.clone(), lag: lag.0, kept, resolution, ..options(domain, left)? };
             match py.detach(|| Client::connect(&id, &options).map(send_wrapper::SendWrapper::new)) {
                 Ok(client) => Ok(Some(client.take())),
                 Err(error) if is_temporary(&error) => {
@@ -215,6 +219,39 @@ impl Acquisition {
     #[pyo3(signature = (*_exception))]
     fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
         self.close(py).map(drop)
+    }
+
+    /// Writes the pulses of a sample of readings: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each
+    /// the mean over the interval of the sample. Without `angular_rate` the gyroscopes become absent: no pulses, and
+    /// temperature NaN. What rounding leaves is carried to the next sample, so that nothing is lost over time.
+    ///
+    /// The pulses are those of the table in force, with the `resolution` of the acquisition, whatever your own interval
+    /// is: the increment is right at any rate. An `interval_ns` of 0, as a loan has, becomes the nominal one. While no
+    /// table is known, or its pulses stand for something else, samples are invalid: they are sent with temperatures of
+    /// NaN, and a line on stderr says why.
+    ///
+    /// Raises ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over
+    /// 2**32 - 1 pulses.
+    ///
+    /// >>> with isotherm.Acquisition("imu-mems", resolution=(1e-6, 1e-7)) as acquisition:
+    /// ...     sample = acquisition.loan()
+    /// ...     acquisition.fill(sample, (0.12, -0.3, 9.81))
+    /// ...     print(sample.accelerometers.positive_pulses, sample.accelerometers.negative_pulses)
+    /// ...     sample.cancel()
+    /// (120000, 0, 9810000) (0, 300000, 0)
+    #[pyo3(signature = (sample, specific_force, angular_rate = None))]
+    fn fill(
+        &self,
+        sample: &Bound<'_, Loan>,
+        specific_force: &Bound<'_, PyAny>,
+        angular_rate: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let force = triple("specific_force", NUMBERS, specific_force)?;
+        let rate = angular_rate.map(|rate| triple("angular_rate", NUMBERS, rate)).transpose()?;
+        let mut raw = sample.get().with(|raw| *raw)?;
+        let filled = self.owned.hold()?.open()?.client.fill(&mut raw, force, rate);
+        filled.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        sample.get().with(|of_loan| *of_loan = raw)
     }
 
     /// Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,

@@ -79,12 +79,14 @@ pub(crate) fn convert(
     session: u64,
     instance: Option<u32>,
     part: PartOptions,
+    table: Option<PyRef<'_, Table>>,
 ) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
     if let Foreign::File(path) = &source {
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;
     }
-    let settings = Settings { temperature, interval_ns, session, instance, first_row, ..settings_of(origin)? };
+    let table = table.map(|table| PulseScale::of(&table.0));
+    let settings = Settings { temperature, interval_ns, session, instance, first_row, table, ..settings_of(origin)? };
     let part = part_of(part)?;
     let named = mapping.as_ref().map(|(name, text)| (name.as_path(), text.as_str()));
     let read = || -> Result<(Vec<u8>, Vec<String>), Failure> {

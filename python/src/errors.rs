@@ -40,7 +40,8 @@ pub(crate) fn connecting(error: &ConnectError) -> PyErr {
         | ConnectError::Exhausted(_)
         | ConnectError::OtherVersion { .. }
         | ConnectError::OtherClock { .. }
-        | ConnectError::OtherMemory => IsothermError::new_err(message),
+        | ConnectError::OtherMemory
+        | ConnectError::Pulses { .. } => IsothermError::new_err(message),
     }
 }
 

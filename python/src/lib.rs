@@ -16,7 +16,6 @@ mod offline;
 mod owned;
 mod parameters;
 mod reader;
-mod readings;
 mod recordings;
 mod records;
 mod restored;
@@ -60,7 +59,6 @@ mod _isotherm {
     #[pymodule_export]
     use crate::reader::IncrementReader;
     #[pymodule_export]
-    use crate::readings::Readings;
     #[pymodule_export]
     use crate::recordings::{read_increments, read_recording, write_increments, write_recording};
     #[pymodule_export]

@@ -5,7 +5,6 @@ use crate::compare::{Batch, Comparison};
 use crate::curves::Curve;
 use crate::offline::Stability;
 use crate::parameters::Exported;
-use crate::readings::Readings;
 use crate::records::Increment;
 use crate::table::{Axis, Polynomial, Table};
 use crate::value::{Value, equal_by_state, own_states};
@@ -36,7 +35,6 @@ pub(crate) fn restored<'py>(py: Python<'py>, kind: &str, state: &[u8]) -> PyResu
         Exported::NAME => of::<Exported>(py, state),
         Increment::NAME => of::<Increment>(py, state),
         Polynomial::NAME => of::<Polynomial>(py, state),
-        Readings::NAME => of::<Readings>(py, state),
         Stability::NAME => of::<Stability>(py, state),
         Table::NAME => of::<Table>(py, state),
         _ => Err(PyValueError::new_err(format!("no value has the class {kind}"))),

@@ -84,6 +84,8 @@ pub struct ForeignRow {
     pub timestamp_ns: Option<u64>,
     /// Pulses with their sign: A1, A2, A3, G1, G2, G3.
     pub pulses: [i64; 2 * AXES],
+    /// What rounding has left of them, of readings \[pulse\].
+    pub rest: [f64; 2 * AXES],
     /// Pulses of the negative channels, where both channels are there; `pulses` are those of the positive ones then.
     pub negative: [i64; 2 * AXES],
     /// Temperatures of the sensor heads, in the same order.
@@ -123,6 +125,17 @@ pub trait ForeignRows {
 
     /// Whether the rows have gyroscopes.
     fn has_gyroscopes(&self) -> bool;
+
+    /// Whether the numbers of accelerometers and gyroscopes are readings: means over the interval, whose pulses can be
+    /// made for any interval. Counts and increments cannot. Valid after the first row.
+    fn are_readings(&self) -> [bool; 2] {
+        [false; 2]
+    }
+
+    /// Whether they are counts of a fixed scale, which hold for one interval only. Valid after the last row.
+    fn are_counts(&self) -> bool {
+        false
+    }
 
     /// Why there are no rows, if all have been read.
     fn no_rows(&self) -> String {
@@ -178,14 +191,15 @@ pub trait ForeignRows {
     }
 }
 
-/// The pulses of a value.
+/// The pulses of a value, and what rounding leaves of it \[pulse\].
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<i64, String> {
-    let pulses = (sign * ((value - offset) / resolution)).round();
+pub fn pulses(value: f64, offset: f64, resolution: f64, sign: f64) -> Result<(i64, f64), String> {
+    let whole = sign * ((value - offset) / resolution);
+    let pulses = whole.round();
     if pulses.abs() <= f64::from(u32::MAX) {
-        return Ok(pulses as i64);
+        return Ok((pulses as i64, whole - pulses));
     }
     Err(format!(
         "{value} is {pulses} pulses of {resolution}, over {}; give a larger resolution, or the offset",

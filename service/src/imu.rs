@@ -78,7 +78,9 @@ impl PendingImu {
         }
         let (writer, counters) = counters();
         let session = SessionNote::take(domain, &imu.id);
-        let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer, before: session.before() };
+        let table_before = guard.memory().in_force.clone();
+        let before = session.before();
+        let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer, before, table_before };
         let imu = imu.clone();
         (Self { imu, counters, session, last_error: refused, waits, tables, guard, first: table, accepted }, link)
     }

@@ -10,8 +10,8 @@ use isotherm_client::transport::stream::{self, Ipc, IpcNode};
 use isotherm_client::{StatusNote, named, pid_of, publisher_of};
 use isotherm_shared::names::Domain;
 use isotherm_shared::status::{GyroscopeStatus, ImuStatus, Ranges, ServiceStatus, TableChange};
-use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::table::difference::Change;
+use isotherm_shared::table::{CoefficientTable, PulseScale};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::Flags;
 use isotherm_support::failure::Failure;
@@ -25,10 +25,12 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
     let in_force = imu.in_force();
     let latency = counters.latency();
     let table = in_force.map(|sent| &*sent.table);
+    let pulses = table.map(PulseScale::of);
     let [head_temperature, board_temperature] = counters.temperature(SensorKind::Accelerometer);
     let gyroscopes = |ranges| {
         let [head_temperature, board_temperature] = counters.temperature(SensorKind::Gyroscope);
-        GyroscopeStatus { ranges, head_temperature, board_temperature }
+        let pulse_angle = pulses.and_then(|pulses| pulses.angle).unwrap_or_default();
+        GyroscopeStatus { ranges, head_temperature, board_temperature, pulse_angle }
     };
     let refused = imu.last_error.as_ref();
     let (kept, anchor) = (imu.kept(), imu.guard.anchor());
@@ -49,6 +51,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         lag_s: table.and_then(|table| table.content().lag_s),
         sample_lag_s: Some(counters.lag_ns()).filter(|ns| *ns != 0).map(|ns| ns as f64 / 1e9),
         nominal_interval_s: table.and_then(|table| table.content().nominal_interval_s),
+        pulse_velocity: pulses.map(|pulses| pulses.velocity),
         ranges: table.map(Ranges::of_accelerometers),
         head_temperature,
         board_temperature,

@@ -60,6 +60,9 @@ pub enum ReadingError {
     /// A nominal or own interval is 0 or over an hour.
     #[error("the interval is {0} ns; give 1 to {MAX_INTERVAL_NS}")]
     Interval(u64),
+    /// The acquisition has connected without a resolution.
+    #[error("the acquisition sends no readings: connect with the resolution in its options")]
+    NoResolution,
     /// A resolution is outside of its range.
     #[error("the resolution is {0:?}; give 1e-15 to 1e6 m/s2 or rad/s")]
     Resolution(f64),
@@ -145,6 +148,27 @@ impl Readings {
     /// Forgets the remainders: for a new session, and after a gap.
     pub const fn reset(&mut self) {
         self.remainders = [0.0; SENSORS];
+    }
+}
+
+impl Triad {
+    /// Multiplies the pulses, each to the nearest whole number: for a table of another nominal interval. What becomes
+    /// too large becomes the largest.
+    pub fn rescale(&mut self, ratio: f64) {
+        for pulses in self.positive_pulses.iter_mut().chain(&mut self.negative_pulses) {
+            // A double above the range becomes its end.
+            *pulses = (f64::from(*pulses) * ratio).round() as u32;
+        }
+    }
+}
+
+impl RawSample {
+    /// Makes the sample invalid, where its pulses are not those of the table: every temperature becomes NaN, so that no
+    /// increment is computed of it, and it is flagged. Gyroscopes that are absent stay so.
+    pub fn invalidate(&mut self) {
+        for triad in [&mut self.accelerometers, &mut self.gyroscopes] {
+            (triad.head_temperature, triad.board_temperature) = ([f64::NAN; AXES], [f64::NAN; AXES]);
+        }
     }
 }
 

@@ -187,6 +187,10 @@ pub struct ImuStatus {
     /// Nominal interval that the scale factors of the table in force are of \[s\]; null without one, as of counts.
     #[serde(default)]
     pub nominal_interval_s: Option<f64>,
+    /// What one pulse of A1 to A3 stands for by the table in force, g0 / K+ in the middle of the range \[m/s\]; null
+    /// without a table. A source of readings makes its pulses for the nominal interval, and compares them with this.
+    #[serde(default)]
+    pub pulse_velocity: Option<[f64; AXES]>,
     /// The temperature that its polynomials were calibrated over; null without a table.
     pub ranges: Option<Ranges>,
     /// Head temperature of the last sample, A1 to A3, in the table's unit; null if it is not finite, or before the
@@ -337,6 +341,9 @@ pub struct GyroscopeStatus {
     pub head_temperature: [Option<f64>; AXES],
     /// Board temperature of the last sample, as for the heads.
     pub board_temperature: [Option<f64>; AXES],
+    /// What one pulse of G1 to G3 stands for by the table in force, 1 arcsec / K+ in the middle of the range \[rad\].
+    #[serde(default)]
+    pub pulse_angle: [f64; AXES],
 }
 }
 

@@ -111,7 +111,7 @@ impl Intake {
             self.tally.adopted += 1;
             self.rates.is_over();
         }
-        let consequence = match self.assembler.adopts() {
+        let consequence = match self.description.columns.adopts() {
             _ if is_step => "the periods are counted by what it does",
             true => "the samples have that interval from now on",
             false => "the samples are invalid, since the scale factors of counts hold for one interval",

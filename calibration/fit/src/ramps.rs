@@ -263,7 +263,7 @@ fn faults(campaign: &Campaign, ramps: &[RampRecording], table: &CoefficientTable
             Finding { message, ..found }
         })
     };
-    all.extend(ramps.iter().filter_map(of_interval));
+    all.extend(ramps.iter().filter(|ramp| !ramp.fits_table()).filter_map(of_interval));
     let gravity = campaign.gravity_local / campaign.gravity_reference;
     for (ramp, recording) in campaign.ramps.iter().zip(ramps) {
         let Some(stated) = ramp.specific_force.map(|force| force.map(|f| f * gravity)) else { continue };

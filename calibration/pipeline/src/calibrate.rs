@@ -14,7 +14,7 @@ use isotherm_recording_formats::convert::{Foreign, Settings};
 use isotherm_recording_formats::read::{ImuChoice, Input, Part, Pieces, Places, Recording, RowKind};
 use isotherm_report::{json, outcome};
 use isotherm_shared::names::ImuId;
-use isotherm_shared::table::{CoefficientTable, Nominal, nominal_content, nominal_table};
+use isotherm_shared::table::{CoefficientTable, Nominal, PulseScale, nominal_content, nominal_table};
 use isotherm_support::failure::{Exit, Failure, shown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -164,7 +164,11 @@ impl Inputs {
         bar: Bar<'_>,
     ) -> Result<(Campaign, Self), JobFailure> {
         let mut origin = InputOrigin::new(&samples, None, input);
-        let read = RecordingReader::foreign(imu, input, bar).warm_ups(imu, samples)?;
+        let mut reader = RecordingReader::foreign(imu, input, bar);
+        if let Some(foreign) = &mut reader.input.foreign {
+            foreign.settings.table = nominal.as_ref().map(PulseScale::of);
+        }
+        let read = reader.warm_ups(imu, samples)?;
         let names: Vec<_> = read.iter().map(|read| read.name.clone()).collect();
         let (recordings, found): (Vec<_>, Vec<_>) = origin.take(read).into_iter().unzip();
         let found = found.into_iter().zip(&names).map(|(found, name)| found.unwrap_or_else(|| Err(no_nominal(name))));
@@ -472,7 +476,7 @@ impl<'a> RecordingReader<'a> {
             |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
             Some(rows) => {
-                let recording = recording.with_findings(rows.findings());
+                let recording = recording.with_findings(rows.findings()).of_table(rows.fits_table());
                 (recording.with_in_use(rows.vehicle_state().in_use()), Some(rows.nominal(imu)))
             }
             None => (recording, None),

@@ -15,6 +15,7 @@ use isotherm_recording::{IncrementCsvWriter, IncrementLayout};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_shared::lag::ReadingLimits;
 use isotherm_shared::status::ImuStatus;
+use isotherm_shared::table::PulseScale;
 use isotherm_support::failure::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -97,8 +98,6 @@ impl Feed {
         }
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { no_bar(&[], "") };
-        let input = (ImuChoice::Prefer(self.imu.clone()), self.foreign.read()?);
-        let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
@@ -107,6 +106,10 @@ impl Feed {
         let options = |timeout| Options { lag: LagOption::None, ..options(domain.clone(), timeout) };
         let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
         let served = ServedTable::ask(&self.imu, &options(self.timeout))?;
+        let mut foreign = self.foreign.read()?;
+        foreign.settings.table = served.pulses;
+        let input = (ImuChoice::Prefer(self.imu.clone()), foreign);
+        let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         samples.set_lag(self.lag.ns.unwrap_or(served.lag_ns));
         samples.set_limits(served.limits);
         let layout = IncrementLayout { gyroscopes: served.gyroscopes, delivery: self.delivery };
@@ -257,6 +260,7 @@ struct ServedTable {
     /// Which temperatures are readings; `None` without a table.
     limits: Option<ReadingLimits>,
     gyroscopes: bool,
+    pulses: Option<PulseScale>,
 }
 
 impl ServedTable {
@@ -283,6 +287,7 @@ impl ServedTable {
             limits: imu.as_ref().and_then(ReadingLimits::of_status),
             gyroscopes: imu.as_ref().is_some_and(|imu| imu.gyroscopes.is_some()),
             table: imu.as_ref().map_or(0, ImuStatus::table_id),
+            pulses: imu.as_ref().and_then(PulseScale::of_status),
         })
     }
 }

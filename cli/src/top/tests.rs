@@ -33,6 +33,7 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         lag_s: None,
         sample_lag_s: None,
         nominal_interval_s: None,
+        pulse_velocity: None,
         ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),
         head_temperature: [Some(1.25), Some(1.5), Some(1.75)],
         board_temperature: [Some(1.5), Some(2.0), Some(2.5)],
@@ -117,6 +118,7 @@ fn give_gyroscopes(imu: &mut ImuStatus) {
         ranges: Ranges { unit: "V".to_owned(), head: [[0.0, 2.0]; 3], board: [[0.0, 4.0]; 3] },
         head_temperature: [Some(0.5), Some(1.0), Some(1.125)],
         board_temperature: [Some(0.5), Some(1.0), Some(3.5)],
+        pulse_angle: [1e-9; 3],
     });
 }
 

@@ -1,6 +1,8 @@
 //! Recordings and campaigns that have lost time, and what `check` says of settings that this machine refuses.
 
 use crate::common::{folder, isotherm, run};
+use isotherm_shared::readings::Resolution;
+use isotherm_shared::table::{Nominal, nominal_table};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -175,4 +177,122 @@ fn check_warns_of_a_core_that_this_machine_does_not_have() {
     // What the machine has and allows gives no warning.
     write("");
     assert_eq!(run(folder.path(), 0, &["check", "--strict", "service.toml"]).1, "");
+}
+
+/// A text of readings at this rate for two seconds, and what each row reads.
+fn text_of_readings(rate_hz: f64) -> (String, Vec<[f64; 3]>) {
+    let reading = |row: u64| {
+        let turn = (row % 89) as f64 / 100.0;
+        [0.123_456 + turn, -0.345_678 - turn, 9.801_234]
+    };
+    let rows: Vec<_> = (0..(2.0 * rate_hz) as u64).map(reading).collect();
+    let line = |(row, [x, y, z]): (usize, &[f64; 3])| {
+        format!("{:.9},{x:.6},{y:.6},{z:.6},0.1,-0.2,0.05,25.0\n", (row + 1) as f64 / rate_hz)
+    };
+    let lines: String = rows.iter().enumerate().map(line).collect();
+    (format!("time,ax,ay,az,gx,gy,gz,t\n{lines}"), rows)
+}
+
+const MAPPING: &str = "format = 1\n[time]\ncolumn = \"time\"\nunit = \"s\"\n[accelerometer]\ncolumns = [\"ax\", \"ay\", \"az\"]\n\
+                       kind = \"reading\"\nunit = \"m/s2\"\nresolution = 1e-6\n[gyroscope]\ncolumns = [\"gx\", \"gy\", \"gz\"]\n\
+                       kind = \"reading\"\nunit = \"rad/s\"\nresolution = 1e-7\n[temperature]\ncolumns = [\"t\", \"t\", \"t\"]\n";
+
+/// The columns of increments in a file.
+fn columns<const N: usize>(path: &Path, names: [&str; N]) -> Vec<[f64; N]> {
+    let text = fs::read_to_string(path).unwrap();
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let header: Vec<_> = lines.next().unwrap().split(',').collect();
+    let places = names.map(|name| header.iter().position(|column| *column == name).unwrap_or_else(|| panic!("{name}")));
+    lines
+        .map(|line| {
+            let fields: Vec<_> = line.split(',').collect();
+            places.map(|place| fields[place].parse().unwrap())
+        })
+        .collect()
+}
+
+#[test]
+fn readings_of_any_rate_have_the_same_value_with_one_table() {
+    let folder = folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("m.toml", MAPPING);
+    write("200.csv", &text_of_readings(200.0).0);
+    let convert = ["convert", "--mapping", "m.toml", "--imu", "imu-a"];
+    run(folder.path(), 0, &[&convert[..], &["200.csv", "-o", "raw.csv", "--nominal", "t.toml"]].concat());
+    let replay = ["replay", "--table", "t.toml"];
+    for rate_hz in [50.0, 100.0, 187.3, 200.0, 1000.0] {
+        let (text, readings) = text_of_readings(rate_hz);
+        write("data.csv", &text);
+        let (_, words) =
+            run(folder.path(), 0, &[&replay[..], &["data.csv", "--mapping", "m.toml", "-o", "i.csv"]].concat());
+        assert!(!words.contains("[interval-not-nominal]"), "{rate_hz}: {words}");
+        let increments = columns(&folder.path().join("i.csv"), ["interval_ns", "a1_dv", "a2_dv", "a3_dv"]);
+        assert_eq!(increments.len(), readings.len());
+        let mut sums = [[0.0; 3]; 2];
+        for ([interval_ns, dv @ ..], reading) in increments.into_iter().zip(&readings) {
+            for axis in 0..3 {
+                let off = dv[axis] - reading[axis] * interval_ns / 1e9;
+                assert!(off.abs() <= 1.001 * 1e-6 * 0.005, "{rate_hz} Hz, axis {axis}: {off} m/s");
+                sums[0][axis] += dv[axis];
+                sums[1][axis] += reading[axis] * interval_ns / 1e9;
+            }
+        }
+        for axis in 0..3 {
+            let off = sums[0][axis] - sums[1][axis];
+            assert!(off.abs() <= 0.501 * 1e-6 * 0.005, "{rate_hz} Hz, the sum of axis {axis} is {off} m/s off");
+        }
+        // Converted for the table, the recording has the same pulses.
+        run(folder.path(), 0, &[&convert[..], &["data.csv", "-o", "raw.csv", "--table", "t.toml"]].concat());
+        run(folder.path(), 0, &[&replay[..], &["raw.csv", "-o", "j.csv"]].concat());
+        let [direct, converted] = ["i.csv", "j.csv"].map(|name| fs::read(folder.path().join(name)).unwrap());
+        assert_eq!(direct, converted, "{rate_hz}");
+    }
+}
+
+#[test]
+fn pulses_that_are_not_those_of_the_table_are_refused() {
+    let folder = folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("m.toml", MAPPING);
+    write("data.csv", &text_of_readings(200.0).0);
+    let convert = ["convert", "data.csv", "-o", "raw.csv", "--imu", "imu-a"];
+    run(folder.path(), 0, &[&convert[..], &["--mapping", "m.toml", "--nominal", "t.toml"]].concat());
+    // Another resolution.
+    write("coarse.toml", &MAPPING.replace("resolution = 1e-6", "resolution = 1e-5"));
+    let table = ["--table", "t.toml"];
+    for command in [&["replay", "-o", "i.csv"][..], &["verify"], &["noise"], &["convert", "-o", "raw.csv"]] {
+        let (_, words) = run(folder.path(), 65, &[command, &table, &["data.csv", "--mapping", "coarse.toml"]].concat());
+        assert!(words.contains("A1") && words.contains("5.0000e-8 m/s") && words.contains("5.0000e-9"), "{words}");
+    }
+    let warm_up = ["calibrate", "warm-up", "data.csv", "--mapping", "coarse.toml", "--nominal", "t.toml"];
+    let (_, words) = run(folder.path(), 65, &[&warm_up[..], &["--imu", "imu-a", "-o", "u.toml"]].concat());
+    assert!(words.contains("5.0000e-8 m/s"), "{words}");
+}
+
+#[test]
+fn counts_of_another_interval_than_the_table_are_refused() {
+    let folder = folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    let mapping = "format = 1\n[time]\ncolumn = \"time\"\nunit = \"s\"\n[accelerometer]\ncolumns = [\"ax\", \"ay\", \"az\"]\n\
+                   kind = \"reading\"\n[temperature]\ncolumns = [\"t\", \"t\", \"t\"]\n";
+    write("m.toml", mapping);
+    let text = |rate_hz: f64| {
+        let line = |row: u64| format!("{:.9},12,-34,{},25.0\n", (row + 1) as f64 / rate_hz, 9800 + row % 5);
+        let lines: String = (0..200).map(line).collect();
+        format!("time,ax,ay,az,t\n{lines}")
+    };
+    let nominal = Nominal {
+        has_gyroscopes: false,
+        resolution: Resolution { accelerometer: 1e-3, gyroscope: 1e-3 },
+        ..Nominal::new("imu-a".parse().unwrap(), 5_000_000, [-40.0, 85.0])
+    };
+    write("t.toml", &nominal_table(&nominal).unwrap().to_toml());
+    for (rate_hz, code) in [(200.0, 0), (199.0, 0), (100.0, 65), (400.0, 65), (187.3, 65)] {
+        write("counts.csv", &text(rate_hz));
+        for command in ["replay", "convert"] {
+            let words = [command, "counts.csv", "--mapping", "m.toml", "--table", "t.toml", "-o", "out.csv"];
+            let (_, words) = run(folder.path(), code, &words);
+            assert_eq!(words.contains("the counts are of an interval of"), code == 65, "{rate_hz}: {words}");
+        }
+    }
 }

@@ -13,7 +13,7 @@ use core::ptr::NonNull;
 use core::time::Duration;
 use isotherm_client::{
     Acquisition, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT_RANGE, Loan, Options,
-    RawSample, SendError,
+    RawSample, Resolution, SendError,
 };
 
 /// Maximum number of samples on loan from one acquisition.
@@ -175,6 +175,11 @@ pub struct isotherm_options {
     /// How many control periods wait at most for a service that has no room or is away, 1 to 2^20; 0 is the default,
     /// ISOTHERM_MOST_KEPT. Each takes 256 bytes, which are allocated when the acquisition connects.
     pub kept: u64,
+    /// What one pulse of an accelerometer over the nominal interval of the table stands for [m/s2], 1e-15 to 1e6, such
+    /// as 1e-6, if the samples are readings: then isotherm_fill makes their pulses. 0: they have pulses of their own.
+    pub accelerometer_resolution: f64,
+    /// The same of a gyroscope [rad/s], such as 1e-7, also if there is none.
+    pub gyroscope_resolution: f64,
 }
 
 /// Connects as the acquisition of an IMU, waiting for the service if necessary.
@@ -183,8 +188,8 @@ pub struct isotherm_options {
 /// `*acquisition`; NULL is written if the call fails. Close the handle with isotherm_acquisition_close.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_NAME, .._NO_SERVICE, .._NO_SUCH_IMU, .._OCCUPIED, .._NO_ROOM, .._PERMISSION,
-/// .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, or
-/// another `size`.
+/// .._EXHAUSTED, .._TRANSPORT, .._VALUE for a serial number that is not UTF-8, a `lag_s` that is no time constant, a
+/// resolution whose pulses are not those of the table, or another `size`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isotherm_acquisition_connect(
     imu: *const c_char,
@@ -216,18 +221,19 @@ unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedErro
         let given = options;
         ((*given).size, (*given).domain, (*given).timeout_ns, (*given).serial, (*given).lag_s)
     };
-    let periods = match size {
-        // SAFETY: a program with this size has the field.
-        0 | ALL => unsafe { (*options).kept },
-        FIRST => 0,
+    let (periods, accelerometer, gyroscope) = match size {
+        // SAFETY: a program with this size has the fields.
+        0 | ALL => unsafe { ((*options).kept, (*options).accelerometer_resolution, (*options).gyroscope_resolution) },
+        FIRST => (0, 0.0, 0.0),
         _ => return Err(SIZE),
     };
+    let resolution = (accelerometer != 0.0 || gyroscope != 0.0).then_some(Resolution { accelerometer, gyroscope });
     // SAFETY: the caller's contract.
     let (domain, serial) = unsafe { (domain(name)?, text(serial)) };
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;
     let options = Options::new(domain, timeout(timeout_ns));
     let kept = if periods == 0 { options.kept } else { kept(periods)? };
-    Ok(Options { serial, lag: lag_option(lag_s)?, kept, ..options })
+    Ok(Options { serial, lag: lag_option(lag_s)?, kept, resolution, ..options })
 }
 
 /// How many periods wait at most.

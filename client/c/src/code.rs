@@ -133,6 +133,7 @@ impl From<ConnectError> for CodedError {
             ConnectError::Permission { .. } | ConnectError::Foreign(_) => ISOTHERM_ERROR_PERMISSION,
             ConnectError::Domain(_) => ISOTHERM_ERROR_NAME,
             ConnectError::Exhausted(_) => ISOTHERM_ERROR_EXHAUSTED,
+            ConnectError::Pulses { .. } => ISOTHERM_ERROR_VALUE,
             ConnectError::OtherVersion { .. } => ISOTHERM_ERROR_OTHER_VERSION,
             ConnectError::Transport { .. } | ConnectError::OtherClock { .. } | ConnectError::OtherMemory => {
                 ISOTHERM_ERROR_TRANSPORT

@@ -1,62 +1,44 @@
 //! Readings in m/s2 and rad/s to pulses, and increments back to them.
 #![allow(non_camel_case_types, reason = "the names of C")]
 
+use crate::acquisition::{isotherm_acquisition, with};
 use crate::code::{NULL, isotherm_code};
 use crate::handle::without_handle;
-use crate::lag::ISOTHERM_SENSORS;
-use isotherm_client::{CompensatedIncrement, RawSample, Readings, Resolution};
+use isotherm_client::{CompensatedIncrement, RawSample};
 
-/// Turns readings into pulses, sample after sample. Begin with
-/// `isotherm_readings readings = {.accelerometer = 1e-6, .gyroscope = 1e-7, .interval_ns = 2500000};`.
+/// Writes the pulses of a sample of an acquisition that has connected with the resolutions of isotherm_options: three of
+/// `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate` [rad/s] about G1, G2, G3, each the mean over
+/// the interval of the sample. `angular_rate` is NULL for an IMU without gyroscopes: they become absent, with
+/// temperature NaN.
 ///
-/// A pulse is the resolution over the nominal interval, as the table says too: K+ = -K- = g0 / (resolution * interval).
-/// What rounding leaves is carried to the next sample, so that all pulses together differ from the integral of all
-/// readings by half a pulse at most. Set `remainders` to 0 for a new session, and after a gap.
-#[derive(Clone, Copy)]
-#[repr(C)]
-pub struct isotherm_readings {
-    /// What one pulse of an accelerometer stands for [m/s2], 1e-15 to 1e6.
-    pub accelerometer: f64,
-    /// What one pulse of a gyroscope stands for [rad/s], 1e-15 to 1e6, also if there is none.
-    pub gyroscope: f64,
-    /// The nominal interval between two samples [ns], 1 to ISOTHERM_MAX_INTERVAL_NS.
-    pub interval_ns: u64,
-    /// What rounding has left of A1, A2, A3, G1, G2, G3 [pulse]; over half a pulse counts as 0.
-    pub remainders: [f64; ISOTHERM_SENSORS],
-}
-
-/// Writes the pulses of a sample: three of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate`
-/// [rad/s] about G1, G2, G3, each the mean over the sample's interval. `angular_rate` is NULL for an IMU without
-/// gyroscopes: they become absent, with temperature NaN.
+/// The pulses are those of the table in force, whatever your own interval is, so the increment is right at any rate.
+/// What rounding leaves is carried to the next sample: all pulses together differ from the integral of all readings by
+/// half a pulse at most. An `interval_ns` of 0 in the sample becomes the nominal interval of the table. All other fields
+/// stay. Nothing is allocated, unless it fails.
 ///
-/// An `interval_ns` of 0 in the sample becomes the nominal one. Another one, such as the measured interval or that of
-/// several samples in one, is kept, and the pulses are those of that interval. All other fields stay. Nothing is
-/// allocated, unless it fails.
+/// While no table is known, or its pulses stand for something else, samples are invalid: they are sent with
+/// temperatures of NaN, so that their increments are NaN and flagged, and a line on stderr says why.
 ///
 /// ISOTHERM_OK, ISOTHERM_ERROR_VALUE for a reading that is not finite or over 2^32 - 1 pulses, whose sensor the message
-/// names, and for a resolution or interval out of its range. Nothing has been changed then.
+/// names, and for an interval or a resolution out of its range. Nothing has been changed then.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn isotherm_readings_fill(
-    readings: *mut isotherm_readings,
+pub unsafe extern "C" fn isotherm_fill(
+    acquisition: *mut isotherm_acquisition,
     sample: *mut RawSample,
     specific_force: *const f64,
     angular_rate: *const f64,
 ) -> isotherm_code {
-    without_handle(|| {
-        if readings.is_null() || sample.is_null() || specific_force.is_null() {
+    with(acquisition, |content| {
+        if sample.is_null() || specific_force.is_null() {
             return Err(NULL);
         }
         // SAFETY: not NULL, so they are readable, as the header requires.
-        let (mut state, mut raw, force) =
-            unsafe { (readings.read(), sample.read(), specific_force.cast::<[f64; 3]>().read()) };
+        let (mut raw, force) = unsafe { (sample.read(), specific_force.cast::<[f64; 3]>().read()) };
         // SAFETY: NULL, or readable, as the header requires.
         let rate = (!angular_rate.is_null()).then(|| unsafe { angular_rate.cast::<[f64; 3]>().read() });
-        let resolution = Resolution { accelerometer: state.accelerometer, gyroscope: state.gyroscope };
-        let mut filling = Readings { resolution, interval_ns: state.interval_ns, remainders: state.remainders };
-        filling.fill(&mut raw, force, rate)?;
-        state.remainders = filling.remainders;
-        // SAFETY: not NULL, so they are writable, as the header requires.
-        unsafe { (readings.write(state), sample.write(raw)) };
+        content.acquisition.fill(&mut raw, force, rate)?;
+        // SAFETY: not NULL, so it is writable, as the header requires.
+        unsafe { sample.write(raw) };
         Ok(())
     })
 }

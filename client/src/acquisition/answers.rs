@@ -30,7 +30,7 @@ impl Acquisition {
     #[inline]
     fn receive_next(&mut self) -> Result<Option<CompensatedIncrement>, TransportError> {
         if let Some(answer) = self.state.next_kept() {
-            self.lag.note(&answer);
+            self.watch.note(&answer);
             return Ok(Some(answer));
         }
         let mut failed = Ok(None);
@@ -46,7 +46,7 @@ impl Acquisition {
             let answer = copied(&*sample);
             ports.read = self.leaves_to_prepare.then_some(sample);
             if self.state.answered(answer.session, answer.sequence, &answer) {
-                self.lag.note(&answer);
+                self.watch.note(&answer);
                 return Ok(Some(answer));
             }
         }

@@ -26,6 +26,7 @@ impl Acquisition {
             raw.device = self.device;
         }
         self.lag.fill(&mut raw);
+        self.judge(&mut raw);
         raw.sent_ns = self.clock.now();
         self.state.take(raw.sequence);
         if self.kept.push(&raw) {

@@ -26,7 +26,7 @@ impl Acquisition {
                 self.ports = Some(ports.take());
                 self.state.rejoined(now);
             }
-            Some(Answer::Status(Some(status))) => self.lag.learn(&status, &self.imu),
+            Some(Answer::Status(Some(status))) => self.learn_in_flight(&status),
             Some(Answer::Loss(_) | Answer::Ports(None) | Answer::Status(None)) | None => {}
         }
         self.leave(now);
@@ -70,13 +70,13 @@ impl Acquisition {
         }
     }
 
-    /// Has the helper thread read the status, if the lag needs it.
-    pub(super) fn renew_lag(&mut self) {
+    /// Has the helper thread read the status, if another table is in force than the one that is known.
+    pub(super) fn renew(&mut self) {
         if !self.helper.is_free() {
             let now = self.clock.now();
             self.take_answer(now);
         }
-        if self.helper.is_free() && self.lag.asks() {
+        if self.helper.is_free() && self.watch.asks() {
             self.helper.ask(Question::Status);
         }
     }

@@ -42,6 +42,7 @@ def convert(
     instance: int | None = None,
     start: Moment | None = None,
     end: Moment | None = None,
+    table: Table | None = None,
 ) -> Records:
     """Raw samples, as RAW_SAMPLE, of data from other programs, as `isotherm convert` makes them.
 
@@ -52,6 +53,9 @@ def convert(
     A column of times may be of datetime64, timedelta64, datetime, timedelta, or of the times of pandas, with or without a time zone: it is read in
     ns, since 1970 in UTC, and `time.unit` may be left out. A DatetimeIndex or TimedeltaIndex of a data frame is a column, too, with the name of the
     index, or "time". Messages count rows from 0.
+
+    Readings become pulses of the nominal interval of `table`, whatever interval the data have; without a table, of their own. Give it for samples
+    that are replayed with it.
 
     `mapping` is the path of a mapping file, or a mapping with the same keys. `temperature`, `interval` [s], `topic`, `gyroscope_topic`,
     `temperature_topic`, `gyroscope_file`, `time`, `session` and `instance` are the options of the command; `start` and `end` are its `--from` and `--to`: seconds since the begin of the data, or a
@@ -81,7 +85,7 @@ def convert(
         data, first_row = table_csv(columns, names), 1 if names is None else 2
     text, interval_ns = known(mapping, temperature, interval)
     origin = topic, gyroscope_topic, temperature_topic, gyroscope_file, _time(time)
-    samples, findings = _isotherm.convert(data, first_row, text, temperature, interval_ns, origin, session, instance, part(start, end))
+    samples, findings = _isotherm.convert(data, first_row, text, temperature, interval_ns, origin, session, instance, part(start, end), table)
     for finding in findings:
         warnings.warn(finding, stacklevel=2)
     return samples.view(RAW_SAMPLE)

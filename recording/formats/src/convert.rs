@@ -36,6 +36,7 @@ mod settings;
 mod stamped;
 mod stated;
 mod stream;
+mod table_pulses;
 mod telemetry_log;
 mod text;
 mod unit;
@@ -71,6 +72,7 @@ use stamped::StampedRows;
 use std::io::{Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use stream::RowStream;
+use table_pulses::TablePulses;
 
 /// Intervals that an IMU has \[ns\]: 50 kHz to 0.01 Hz.
 const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
@@ -104,6 +106,7 @@ pub struct Conversion {
     rows: u64,
     gaps: Gaps,
     steps: IntervalSteps,
+    pulses: TablePulses,
     temperature: TemperatureRange,
     /// The line of the first row of a table in memory.
     first_row: Option<u64>,
@@ -340,6 +343,7 @@ impl Conversion {
             rows: 0,
             gaps: Gaps::default(),
             steps: IntervalSteps::new(nominal_ns),
+            pulses: TablePulses::new(settings.table, nominal_ns),
             temperature: TemperatureRange::default(),
             first_row: settings.first_row,
             ended: false,
@@ -374,6 +378,13 @@ impl Conversion {
         self.begin_ns = last_ns;
     }
 
+    /// Whether the rows are readings whose pulses are made for the nominal interval of a table. Valid after the first row.
+    #[must_use]
+    pub fn fits_table(&self) -> bool {
+        let has_interval = self.pulses.table.is_some_and(|table| table.nominal_ns != 0);
+        has_interval && self.input.source.are_readings()[0]
+    }
+
     /// What the pulses stand for. Valid after the last row.
     ///
     /// # Errors
@@ -383,7 +394,8 @@ impl Conversion {
         let Units { resolution, largest, devices } = source.units()?;
         let temperature = self.temperature.range().ok_or("no row has temperature; give the temperature")?;
         let has_gyroscopes = source.has_gyroscopes();
-        Ok(Scale { resolution, interval_ns: self.nominal_ns, has_gyroscopes, largest, devices, temperature })
+        let interval_ns = self.pulses.interval_ns(source.are_readings()[0]);
+        Ok(Scale { resolution, interval_ns, has_gyroscopes, largest, devices, temperature })
     }
 
     /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know, with temperature in degC and
@@ -492,10 +504,31 @@ impl Conversion {
 
     /// The next row, with its place: line or message.
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
-        let Some(reading) = self.input.next()? else { return Ok(None) };
+        let Some(reading) = self.input.next()? else {
+            self.check_pulses()?;
+            return Ok(None);
+        };
         let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
         self.read_rows += 1;
         Ok(Some((reading.place, sample)))
+    }
+
+    /// Refuses pulses that are not those of the table. At the end, when the unit of the numbers is known.
+    fn check_pulses(&self) -> Result<(), RecordingError> {
+        let source = &self.input.source;
+        let Some(table) = self.pulses.table.filter(|_| self.rows > 0) else { return Ok(()) };
+        let counts = if source.are_counts() { table.check_counts(self.nominal_ns) } else { Ok(()) };
+        let weights = source.units().map_or([None; 2], |Units { resolution, .. }| {
+            let seconds = |is_reading: bool| self.pulses.interval_ns(is_reading) as f64 / 1e9;
+            let [a, g] = source.are_readings().map(seconds);
+            [Some(resolution.accelerometer * a), Some(resolution.gyroscope * g)]
+        });
+        let checked = counts.and_then(|()| table.check(weights));
+        checked.map_err(|mismatch| {
+            RecordingError::Piece(
+                Failure::new(Exit::Data, format!("{}: {mismatch}", shown(&self.path))).at(&self.path, None),
+            )
+        })
     }
 
     /// Takes a row that is not left out.
@@ -528,6 +561,7 @@ impl Conversion {
         self.begins_session = reading.begins_session;
         if reading.begins_session {
             (self.session, self.last) = (self.session.saturating_add(1), None);
+            self.pulses.reset();
         }
         let nominal_ns = self.nominal_ns;
         let number = if reading.row > 0 { reading.row } else { self.read_rows + 1 };
@@ -566,6 +600,7 @@ impl Conversion {
         }
         self.last = Some((timestamp_ns, sequence));
         let has_gyroscopes = self.input.source.has_gyroscopes();
+        let reading = &self.pulses.of_table(reading, self.input.source.are_readings());
         let gyroscopes = if has_gyroscopes { triad(reading, AXES)? } else { Triad::ABSENT };
         Ok(RawSample {
             session: self.session,

@@ -97,7 +97,7 @@ fn describe_imu(text: &mut String, imu: &ImuStatus, budget_us: f64) -> std::fmt:
         let temperature = [&imu.head_temperature, &imu.board_temperature];
         describe_triad(text, SensorKind::Accelerometer, ranges, temperature)?;
     }
-    if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature }) = &imu.gyroscopes {
+    if let Some(GyroscopeStatus { ranges, head_temperature, board_temperature, .. }) = &imu.gyroscopes {
         describe_triad(text, SensorKind::Gyroscope, ranges, [head_temperature, board_temperature])?;
     }
     describe_samples(text, imu)?;

@@ -13,6 +13,7 @@ use isotherm_client::transport::stream::{self, Event, Ipc, IpcNode, RAW_SUBSCRIB
 use isotherm_client::{Clock, Payload as _, Rehearsal, RehearsalStreams, subscribers_of};
 use isotherm_shared::compensate::answer_into;
 use isotherm_shared::names::Domain;
+use isotherm_shared::nominal::comparable;
 use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
 use isotherm_shared::sequence::{Period, Seen};
 use isotherm_shared::table::CoefficientTable;
@@ -24,6 +25,12 @@ use std::sync::Arc;
 /// After an answer, this many polls that find no raw sample reclaim the samples that readers have returned.
 const RECLAIM_POLLS: u32 = 16;
 
+/// After a table of another nominal interval the answers are NaN, flagged `no-table`, for so long \[ns\]: until sources
+/// of readings know the interval, their pulses are those of the table before.
+const PULSES_CHANGE_NS: u64 = 1_000_000_000;
+/// That time begins with the next sample.
+const WITH_THE_NEXT_SAMPLE: u64 = u64::MAX;
+
 /// The channel's ends of the queue and the counters that it shares with the control thread.
 pub struct ChannelLink {
     /// The IMU.
@@ -34,12 +41,17 @@ pub struct ChannelLink {
     pub counters: CounterWriter,
     /// The session that was served last, as the service before has noted it.
     pub before: Option<LastSession>,
+    /// The table that was in force last, as the service before has kept it.
+    pub table_before: Option<Arc<CoefficientTable>>,
 }
 
 /// One IMU's streams.
 pub struct Channel {
     tables: Consumer<Arc<CoefficientTable>>,
     table: Option<Arc<CoefficientTable>>,
+    /// The nominal interval of the last table that has one \[ns\], and until when answers are NaN \[ns\]; 0 for none.
+    nominal_ns: u64,
+    changes_until_ns: u64,
     counters: CounterWriter,
     budget_ns: u64,
     /// Polls of [`RECLAIM_POLLS`] that are left.
@@ -133,6 +145,8 @@ impl Channel {
         let channel = Self {
             tables: link.tables,
             table: None,
+            nominal_ns: link.table_before.map_or(0, |table| table.nominal_ns()),
+            changes_until_ns: 0,
             counters: link.counters,
             budget_ns,
             reclaim_polls_left: 0,
@@ -154,7 +168,30 @@ impl Channel {
     pub fn take_table(&mut self) {
         while let Ok(table) = self.tables.pop() {
             self.counters.table_taken(table.id());
+            self.note_interval(table.nominal_ns());
             self.table = Some(table);
+        }
+    }
+
+    /// Begins the time without answers if a table has another nominal interval than the one before.
+    fn note_interval(&mut self, nominal_ns: u64) {
+        if nominal_ns == 0 {
+            return;
+        }
+        let before = std::mem::replace(&mut self.nominal_ns, nominal_ns);
+        let [old, new] = [before, nominal_ns].map(|ns| ns as f64);
+        if before != 0 && !comparable(Some(old), Some(new)) {
+            self.changes_until_ns = WITH_THE_NEXT_SAMPLE;
+        }
+    }
+
+    /// Ends the time without answers when it has passed.
+    #[cold]
+    const fn pass_change(&mut self, now_ns: u64) {
+        if self.changes_until_ns == WITH_THE_NEXT_SAMPLE {
+            self.changes_until_ns = now_ns + PULSES_CHANGE_NS;
+        } else if now_ns >= self.changes_until_ns {
+            self.changes_until_ns = 0;
         }
     }
 
@@ -192,7 +229,11 @@ impl Channel {
         let arrival = self.sequence.note(Seen { period: Period::from(&self.raw), at_ns: since });
 
         let increment = loan.payload_mut();
-        answer_into(self.table.as_deref(), &self.raw, increment);
+        if self.changes_until_ns != 0 {
+            self.pass_change(clock.now());
+        }
+        let table = self.table.as_deref().filter(|_| self.changes_until_ns == 0);
+        answer_into(table, &self.raw, increment);
         let now = clock.now();
         let latency_ns = now.saturating_sub(since);
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);

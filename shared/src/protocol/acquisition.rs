@@ -373,6 +373,11 @@ impl<S: Copy + Default, A: Copy + Default> AcquisitionState<S, A> {
         self.pending.samples(self.pending.len() - self.count(resend))
     }
 
+    /// The places of the samples that are unanswered, and of others.
+    pub fn places_mut(&mut self) -> impl Iterator<Item = &mut S> {
+        self.pending.places_mut()
+    }
+
     const fn count(&self, resend: Resend) -> usize {
         match resend {
             Resend::Newest if self.pending.len() > 0 => 1,

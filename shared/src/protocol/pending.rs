@@ -136,6 +136,11 @@ impl<S: Copy + Default, A: Copy + Default> Pending<S, A> {
         self.slots(from).map(|slot| &self.samples[slot])
     }
 
+    /// The places of the samples, and of others.
+    pub(super) fn places_mut(&mut self) -> impl Iterator<Item = &mut S> {
+        self.samples.iter_mut()
+    }
+
     /// Sequence of each sample, oldest first, and whether its answer has come.
     pub(super) fn keys(&self) -> impl Iterator<Item = (u64, bool)> {
         self.slots(0).map(|slot| (self.keys[slot].sequence, self.keys[slot].answered))

@@ -41,6 +41,7 @@ mod neighbours;
 mod outputs;
 mod paced;
 mod readers;
+mod readings;
 mod realtime;
 mod record;
 mod rehearsal;

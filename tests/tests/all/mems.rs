@@ -1,8 +1,9 @@
 //! The examples whose IMU delivers readings, in C, C++ and Rust: what they print is what the kernel makes of the
 //! readings.
 
-use isotherm_client::{Flags, RawSample, Readings, Resolution, Triad};
+use isotherm_client::{Flags, RawSample, Resolution, Triad};
 use isotherm_shared::compensate::answer;
+use isotherm_shared::readings::Readings;
 use isotherm_tests::programs::{C, CPP, compile, run};
 use isotherm_tests::{TestDomain, table};
 use std::fs;
@@ -46,6 +47,9 @@ fn the_examples_turn_readings_into_increments_and_back() {
 #[test]
 fn c_gets_pulses_errors_and_readings_as_documented() {
     let domain = TestDomain::new();
+    domain.write("imu-mems.toml", MEMS_TABLE);
+    let service = domain.serve(&["--imu", "imu-mems=imu-mems.toml"]);
     let Some(program) = compile(&domain, C, "tests/programs/readings.c") else { return };
-    run(&domain, &program, &[], "out");
+    run(&domain, &program, &["imu-mems"], "out");
+    service.terminate();
 }

@@ -1,8 +1,9 @@
 //! The examples that send at the pace of an IMU, in C, C++ and Rust: none loses a period while the service is away, and
 //! every reader gets the velocity and the angle of every period.
 
-use isotherm_client::{CompensatedIncrement, Flags, IncrementReader, RawSample, Readings, Resolution, Triad};
+use isotherm_client::{CompensatedIncrement, Flags, IncrementReader, RawSample, Resolution, Triad};
 use isotherm_shared::compensate::answer;
+use isotherm_shared::readings::Readings;
 use isotherm_tests::programs::{C, CPP, SERIAL, compile, start};
 use isotherm_tests::{Process, TIMEOUT, TestDomain, id, table, wait_until};
 use std::fs;

@@ -28,6 +28,7 @@ pub struct RampRecording {
     continuity: Continuity,
     /// What was found in its file before.
     findings: Vec<Finding>,
+    fits_table: bool,
     marks: Marks,
     bad: BadRows,
     /// When the vehicle was armed or flew \[ns\].
@@ -84,6 +85,7 @@ impl RampRecording {
             devices: [0; 2],
             continuity: Continuity::default(),
             findings: Vec::new(),
+            fits_table: false,
             marks: Marks::default(),
             bad: BadRows::default(),
             in_use: Vec::new(),
@@ -208,6 +210,17 @@ impl RampRecording {
     #[must_use]
     pub fn with_findings(self, findings: Vec<Finding>) -> Self {
         Self { findings, ..self }
+    }
+
+    /// The same recording, whose pulses were made for the table or not. Readings of any interval are right then.
+    #[must_use]
+    pub fn of_table(self, fits_table: bool) -> Self {
+        Self { fits_table, ..self }
+    }
+
+    /// Whether its pulses were made for the table.
+    pub(crate) const fn fits_table(&self) -> bool {
+        self.fits_table
     }
 
     /// What was found in its file.

@@ -10,7 +10,7 @@ use isotherm_recording_formats::convert::{Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Recording, Samples};
 use isotherm_report::json;
 use isotherm_shared::names::ImuId;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, PulseScale};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Admission, Finding, Location, Severity, name};
@@ -122,13 +122,15 @@ impl ForeignArgs {
         Ok(Foreign { mapping: self.mapping.as_ref().map(read).transpose()?, settings })
     }
 
-    /// As [`read`](Self::read); of a log with several IMUs that of the table is read, unless one is named.
+    /// As [`read`](Self::read), for a table: its readings become pulses of that, and of a log with several IMUs that of
+    /// the table is read, unless one is named.
     ///
     /// # Errors
     /// As [`read`](Self::read).
-    pub fn read_for(&self, origin: &Origin) -> Result<Foreign, Failure> {
+    pub fn read_for(&self, table: Option<&CoefficientTable>, origin: &Origin) -> Result<Foreign, Failure> {
         let mut foreign = self.read()?;
         foreign.settings.preferred = origin.log_imu;
+        foreign.settings.table = table.map(PulseScale::of);
         Ok(foreign)
     }
 
@@ -154,13 +156,16 @@ pub fn load_with_origin(path: &Path) -> Result<(CoefficientTable, Origin), LoadE
 pub struct OfData {
     findings: Vec<Finding>,
     notes: Vec<String>,
+    /// Whether their pulses were made for the table.
+    fits_table: bool,
 }
 
 impl OfData {
     /// What a recording of them has found.
     #[must_use]
     pub fn of(recording: &Recording) -> Self {
-        Self { findings: recording.findings(), notes: recording.notes() }
+        let fits_table = recording.fits_table();
+        Self { findings: recording.findings(), notes: recording.notes(), fits_table }
     }
 
     /// With what was found if the data are of another IMU than the table.
@@ -178,7 +183,7 @@ impl OfData {
 
     /// Without the notes, where a failure follows that says what is wrong.
     pub fn findings_alone(&self) -> Self {
-        Self { findings: self.findings.clone(), notes: Vec::new() }
+        Self { findings: self.findings.clone(), notes: Vec::new(), fits_table: self.fits_table }
     }
 
     /// Prints findings and notes, where nothing can be refused any more.
@@ -193,6 +198,8 @@ impl OfData {
     /// # Errors
     /// As [`AcceptanceArgs::admit`].
     pub fn admit(self, by: &AcceptanceArgs, recording: &str, mut found: Vec<Finding>) -> Result<(), JobFailure> {
+        // Readings of any interval are right then.
+        found.retain(|finding| !(self.fits_table && finding.name == name::INTERVAL_NOT_NOMINAL));
         let of_rows: Vec<_> = found.iter().map(|finding| finding.name).collect();
         found.extend(self.findings.into_iter().filter(|finding| !of_rows.contains(&finding.name)));
         by.admit(recording, found)?;

@@ -6,6 +6,7 @@ use crate::progress::bytes_bar;
 use clap::Args;
 use isotherm_campaign::{MAGNITUDE_ROWS, magnitude_at_rest};
 use isotherm_files::{Output, StagedText, Trust, check_written, load_table, refuse_overlap, source, sources};
+use isotherm_fit::Origin;
 use isotherm_pipeline::{INSTANCE, Vehicle, VehicleImu};
 use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_recording_formats::convert::{Conversion, Scale};
@@ -52,9 +53,10 @@ pub struct Convert {
     /// several recordings and such clocks]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     session: Option<u64>,
-    /// Compare the rows with gravity, by this table
+    /// Make the pulses of readings for this table
     ///
-    /// The magnitude of the specific force at rest is computed with this coefficient table, and compared with gravity.
+    /// Readings become pulses of the nominal interval of this coefficient table, whatever interval the data have. The
+    /// magnitude of the specific force at rest is computed with the table, and compared with gravity.
     #[arg(long, value_name = "TABLE")]
     table: Option<PathBuf>,
     /// Write the nominal table of the readings
@@ -209,7 +211,7 @@ impl Convert {
         nominal: &mut Option<NominalTable>,
     ) -> Result<bool, Failure> {
         let progress = bytes_bar(&[input.to_owned()], "reading");
-        let mut foreign = self.foreign.read()?;
+        let mut foreign = self.foreign.read_for(table, &Origin::default())?;
         foreign.settings.session = session;
         foreign.settings.progress = progress.clone();
         let conversion = Conversion::open(&source(input), foreign.named(), &foreign.settings)?;
@@ -260,7 +262,8 @@ impl Convert {
         let is_folder = self.output.is_dir();
         let first = self.session.unwrap_or(u64::from(is_folder));
         let progress = bytes_bar(&self.input, "reading");
-        let input = Input::from((ImuChoice::Any, self.foreign.read()?)).within(self.part.get()?);
+        let input =
+            Input::from((ImuChoice::Any, self.foreign.read_for(table, &Origin::default())?)).within(self.part.get()?);
         // Sessions more than recordings, since clocks have started again.
         let mut more = 0;
         let mut left = Some(Pieces::new(&sources(&self.input)?, RowKind::Sample, input)?);

@@ -97,7 +97,7 @@ impl NoiseCommand {
             (None, None) => ImuChoice::Any,
         };
         let bar = bytes_bar(&self.recording, "reading");
-        let input = Input::from((imu, self.foreign.read_for(&origin)?)).within(part);
+        let input = Input::from((imu, self.foreign.read_for(table.as_ref(), &origin)?)).within(part);
         let mut samples = Samples::open(&sources(&self.recording)?, input, &bar)?;
         samples.set_lag(table.as_ref().map_or(0, |table| table.lag_ns()));
         samples.set_limits(table.as_ref().map(ReadingLimits::of));

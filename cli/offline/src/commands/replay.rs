@@ -75,7 +75,7 @@ impl Replay {
         refuse_overlap(&inputs, &[self.output.as_deref()])?;
         let (table, origin) = load_with_origin(&self.table)?;
         let choice = super::common::choice(self.imu, &table);
-        let input = Input::from((choice, self.foreign.read_for(&origin)?)).within(self.part.get()?);
+        let input = Input::from((choice, self.foreign.read_for(Some(&table), &origin)?)).within(self.part.get()?);
         let mut samples = Samples::open(&sources(&self.recording)?, input, &no_bar(&[], ""))?;
         samples.set_lag(self.lag.ns.unwrap_or(table.lag_ns()));
         samples.set_limits(Some(ReadingLimits::of(&table)));

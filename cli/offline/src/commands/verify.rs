@@ -246,7 +246,7 @@ impl Verify {
         let page = self.report.as_deref().map(|path| StagedText::create(Some(path))).transpose()?;
         let bar = bytes_bar(&self.recording, "reading");
         let window_s = self.window.map_or(WINDOW_S, |window| window.as_secs_f64());
-        let input = Input::from((choice(self.imu.clone(), &table), self.foreign.read_for(&origin)?));
+        let input = Input::from((choice(self.imu.clone(), &table), self.foreign.read_for(Some(&table), &origin)?));
         let input = input.within(self.part.get()?);
         let mut run = VerificationRun::open(&table, &self.recording, input, self.lag.ns, window_s, &bar)?;
         let by_hand = table.is_gravity_only() && self.attitude.is_none() && self.angles.is_none();

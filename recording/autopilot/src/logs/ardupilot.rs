@@ -298,6 +298,10 @@ impl ForeignRows for DataFlashSource {
         Ok(Units { devices: self.imu.devices, ..units() })
     }
 
+    fn are_readings(&self) -> [bool; 2] {
+        [true; 2]
+    }
+
     fn has_gyroscopes(&self) -> bool {
         true
     }

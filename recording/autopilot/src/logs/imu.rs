@@ -127,7 +127,7 @@ impl Values {
         let [acceleration, rate] =
             [of(self.acceleration, LOG_ACCELERATION_PULSE, self.celsius[0]), of(rate, LOG_RATE_PULSE, self.celsius[1])];
         for (index, (value, pulse, celsius)) in acceleration.into_iter().chain(rate).enumerate() {
-            reading.pulses[index] = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
+            (reading.pulses[index], reading.rest[index]) = pulses(value, 0.0, pulse, 1.0).map_err(|_| Flaw::Value)?;
             let celsius = temperature.unwrap_or(celsius);
             if !celsius.is_finite() {
                 return Err(Flaw::Temperature);

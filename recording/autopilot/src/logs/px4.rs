@@ -350,6 +350,10 @@ impl ForeignRows for UlogSource {
         Ok(Units { devices: self.imu.devices, ..units() })
     }
 
+    fn are_readings(&self) -> [bool; 2] {
+        [true; 2]
+    }
+
     fn has_gyroscopes(&self) -> bool {
         self.thermometer.has_gyroscopes()
     }

@@ -215,6 +215,8 @@ impl JoinedSource {
         }
         let [a, g] = if self.slow.are_gyroscopes { [others, own] } else { [own, others] };
         reading.pulses = [a[0], a[1], a[2], g[0], g[1], g[2]];
+        let own = if self.slow.are_gyroscopes { AXES..2 * AXES } else { 0..AXES };
+        reading.rest = std::array::from_fn(|index| if own.contains(&index) { reading.rest[index] } else { 0.0 });
         // The temperature is that of the accelerometers.
         if self.slow.are_gyroscopes {
             let last = row.last.or_else(|| self.before.iter().rev().find_map(|row| row.last));
@@ -263,6 +265,15 @@ impl ForeignRows for JoinedSource {
         let (a, g) = (accelerometers.rows.source.units()?, gyroscopes.rows.source.units()?);
         let resolution = Resolution { accelerometer: a.resolution.accelerometer, gyroscope: g.resolution.gyroscope };
         Ok(Units { resolution, largest: [a.largest[0], g.largest[1]], devices: [a.devices[0], g.devices[1]] })
+    }
+
+    fn are_readings(&self) -> [bool; 2] {
+        let [accelerometers, gyroscopes] = self.streams().map(|stream| stream.rows.source.are_readings());
+        [accelerometers[0], gyroscopes[1]]
+    }
+
+    fn are_counts(&self) -> bool {
+        self.streams().iter().any(|stream| stream.rows.source.are_counts())
     }
 
     fn has_gyroscopes(&self) -> bool {

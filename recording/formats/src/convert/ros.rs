@@ -277,7 +277,8 @@ impl RosSource {
                 return Err(format!("{} is {value}, not a number", name()));
             }
             let pulses = pulses(value * self.units[index / AXES], 0.0, RESOLUTION, 1.0);
-            reading.pulses[index] = pulses.map_err(|message| format!("{}: {message}", name()))?;
+            (reading.pulses[index], reading.rest[index]) =
+                pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
         self.temperatures.before += u64::from(self.temperatures.are_after(stamp_ns));
         self.take_temperature(stamp_ns, &mut reading);
@@ -309,6 +310,10 @@ impl ForeignRows for RosSource {
     fn units(&self) -> Result<Units, String> {
         let resolution = Resolution { accelerometer: RESOLUTION, gyroscope: RESOLUTION };
         Ok(Units { resolution, ..Units::default() })
+    }
+
+    fn are_readings(&self) -> [bool; 2] {
+        [true; 2]
     }
 
     fn has_gyroscopes(&self) -> bool {

@@ -3,6 +3,7 @@
 use super::mapping::Mapping;
 use isotherm_autopilot::logs::{GyroscopeTemperature, LogSettings};
 use isotherm_recording::{LogImu, Progress};
+use isotherm_shared::table::PulseScale;
 use isotherm_support::source::DataSource;
 
 /// Where the times of rows come from.
@@ -36,6 +37,8 @@ pub struct Settings {
     pub gyroscope_file: Option<DataSource>,
     /// The topic of the `sensor_msgs/msg/Temperature`, if there are several.
     pub temperature_topic: Option<String>,
+    /// The table that the samples are for: readings become pulses of its nominal interval.
+    pub table: Option<PulseScale>,
     /// The session of the samples; 0 unless given. Where the clock of the stamps starts again, the next one follows.
     pub session: u64,
     /// The IMU of an autopilot's log, if there are several: its number there, from 0.

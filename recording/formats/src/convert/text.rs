@@ -280,10 +280,11 @@ impl TextSource {
         let rows = &self.rows;
         let (a, g) = reading.pulses.split_at_mut(AXES);
         let (negative_a, negative_g) = reading.negative.split_at_mut(AXES);
-        let of_first = if self.is_of_gyroscopes { &mut *g } else { a };
+        let (rest_a, rest_g) = reading.rest.split_at_mut(AXES);
+        let of_first = if self.is_of_gyroscopes { (&mut *g, &mut *rest_g) } else { (a, rest_a) };
         self.accelerometers.pulses(rows, &accelerometers, of_first, negative_a)?;
         if let Some((axes, numbers)) = self.gyroscopes.as_mut().zip(gyroscopes) {
-            axes.pulses(rows, &numbers, g, negative_g)?;
+            axes.pulses(rows, &numbers, (g, rest_g), negative_g)?;
         }
         (self.whole_times, self.of_day) = (is_whole, of_day);
         Ok(reading)
@@ -434,6 +435,18 @@ impl ForeignRows for TextSource {
 
     fn has_gyroscopes(&self) -> bool {
         self.gyroscopes.is_some()
+    }
+
+    fn are_readings(&self) -> [bool; 2] {
+        let of_first = self.accelerometers.are_readings();
+        if self.is_of_gyroscopes {
+            return [false, of_first];
+        }
+        [of_first, self.gyroscopes.as_ref().is_some_and(TextAxes::are_readings)]
+    }
+
+    fn are_counts(&self) -> bool {
+        self.accelerometers.are_counts() || self.gyroscopes.as_ref().is_some_and(TextAxes::are_counts)
     }
 
     fn counts_since_the_row_before(&self) -> bool {

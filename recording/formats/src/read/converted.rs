@@ -23,6 +23,7 @@ struct ConversionEnd {
     interval_ns: u64,
     scale: Result<Scale, String>,
     log_imu: Option<LogImu>,
+    fits_table: bool,
 }
 
 impl ConversionEnds {
@@ -34,6 +35,7 @@ impl ConversionEnds {
             interval_ns: conversion.interval_ns(),
             scale: conversion.scale(),
             log_imu: conversion.log_imu(),
+            fits_table: conversion.fits_table(),
         };
         self.0.push((piece.path.clone(), piece.source.conversion().map(end)));
     }
@@ -89,6 +91,11 @@ impl ConversionEnds {
     /// As [`Recording::nominal`](super::Recording::nominal).
     pub(super) fn nominal(&self, imu: &ImuId) -> Result<Nominal, Failure> {
         self.scale().map(|scale| scale.nominal(imu))
+    }
+
+    /// As [`Recording::fits_table`](super::Recording::fits_table).
+    pub(super) fn fits_table(&self) -> bool {
+        self.foreign().count() == self.0.len() && self.foreign().all(|(_, end)| end.fits_table)
     }
 
     /// As [`Recording::log_imu`](super::Recording::log_imu).

@@ -338,6 +338,13 @@ impl Recording {
         self.converted.scale()
     }
 
+    /// Whether all pieces are readings whose pulses were made for the nominal interval of a table. Valid after the last
+    /// row.
+    #[must_use]
+    pub fn fits_table(&self) -> bool {
+        self.converted.fits_table()
+    }
+
     /// The IMU, as the logs of an autopilot name it; `None` unless all pieces are logs that name it alike. Valid after
     /// the last row.
     #[must_use]

@@ -98,13 +98,14 @@ impl TextAxes {
         Ok(AxisNumbers { of_axes: numbers, negative })
     }
 
-    /// The pulses of numbers that are right, `to` each axis, and those of the negative channels, where they are apart.
+    /// The pulses of numbers that are right, `to` each axis, with what rounding leaves, and those of the negative
+    /// channels, where they are apart.
     #[inline]
     pub(super) fn pulses(
         &mut self,
         rows: &Rows<Box<dyn Read>>,
         AxisNumbers { of_axes: numbers, negative: of_negative }: &AxisNumbers,
-        to: &mut [i64],
+        (to, rest): (&mut [i64], &mut [f64]),
         negative: &mut [i64],
     ) -> Result<(), RowRefusal> {
         if let Some(counting) = &mut self.counting {
@@ -122,13 +123,23 @@ impl TextAxes {
         for (axis, number) in numbers.iter().enumerate() {
             let pulses = pulses(number.value, self.offset, resolution, self.sign[axis]);
             let of_axis = |message| RowRefusal::Row(Fault::Range, format!("{}: {message}", self.columns[axis].name()));
-            to[axis] = pulses.map_err(of_axis)?;
+            (to[axis], rest[axis]) = pulses.map_err(of_axis)?;
         }
         self.all_whole &= whole;
         if self.resolution.is_none() {
             (self.resolution, self.taken_for_whole) = (Some(resolution), whole);
         }
         Ok(())
+    }
+
+    /// Whether the numbers are counts of a fixed scale. Valid after the first row.
+    pub(super) fn are_counts(&self) -> bool {
+        self.kind == Kind::Reading && self.unit.is_none() && self.resolution.is_none_or(|resolution| resolution == 1.0)
+    }
+
+    /// Whether they are readings, and no counts. Valid after the first row.
+    pub(super) fn are_readings(&self) -> bool {
+        self.kind == Kind::Reading && !self.are_counts()
     }
 
     /// That the numbers are not what `kind` says. `section` is that of the mapping. Valid after the last row.
