@@ -62,9 +62,9 @@ pub struct Options {
     pub serial: Option<String>,
     /// Which time constant the lagged temperature of an acquisition has.
     pub lag: LagOption,
-    /// What one pulse over the nominal interval of the table stands for, of an acquisition whose samples are readings in
-    /// m/s2 and rad/s: then [`Acquisition::fill`](crate::Acquisition::fill) makes its pulses. `None`: the samples have
-    /// pulses of their own.
+    /// What one pulse over the nominal interval of the table stands for, of an acquisition whose samples are readings
+    /// in m/s2 and rad/s: then [`Acquisition::fill`](crate::Acquisition::fill) makes its pulses. `None`: the samples
+    /// have pulses of their own.
     pub resolution: Option<Resolution>,
     /// What the pulses are of an acquisition that makes them by itself. They are compared with the table in force;
     /// `None`: they are not.

@@ -4,9 +4,9 @@
 //!
 //! Start with this program. It loses no control period while the service is away or replaced, and says so where one is
 //! lost all the same. Replace `wait_for_period` and `read_imu` by your hardware, and `navigate` by your navigation.
-//! The resolution is that of the table, here of examples/tables/imu-mems.toml; the period is your own. An IMU that counts pulses
-//! writes them, and the measured gate length, into the sample itself. CORE and PRIORITY (`SCHED_FIFO`, 1 to 99) are for
-//! a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
+//! The resolution is that of the table, here of examples/tables/imu-mems.toml; the period is your own. An IMU that
+//! counts pulses writes them, and the measured gate length, into the sample itself. CORE and PRIORITY (`SCHED_FIFO`, 1
+//! to 99) are for a machine that has a core to spare; they need rights, see docs/operate.md. The environment variable
 //! `ISOTHERM_DOMAIN` names the domain.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program that prints")]
 

@@ -66,8 +66,9 @@ fn gone() -> PyErr {
 /// `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
 /// temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then. `kept`
 /// is how many control periods wait at most for a service that has no room or is away; each takes 256 bytes.
-/// `resolution` is what one pulse over the nominal interval of the table stands for [m/s2, rad/s], such as (1e-6, 1e-7),
-/// if the samples are readings: then `fill` makes their pulses. Raises IsothermError if those are not the table's.
+/// `resolution` is what one pulse over the nominal interval of the table stands for [m/s2, rad/s], such as (1e-6,
+/// 1e-7), if the samples are readings: then `fill` makes their pulses. Raises IsothermError if those are not the
+/// table's.
 ///
 /// >>> samples = isotherm.read_recording("run.csv")
 /// >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
@@ -111,6 +112,7 @@ impl Acquisition {
         ),
         text_signature = "(imu, domain=None, timeout=5.0, *, serial=None, lag='service', kept=16384, resolution=None)"
     )]
+    #[expect(clippy::too_many_arguments, reason = "those of the class, which have names there")]
     fn new(
         py: Python<'_>,
         imu: &str,
@@ -232,13 +234,6 @@ impl Acquisition {
     ///
     /// Raises ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over
     /// 2**32 - 1 pulses.
-    ///
-    /// >>> with isotherm.Acquisition("imu-mems", resolution=(1e-6, 1e-7)) as acquisition:
-    /// ...     sample = acquisition.loan()
-    /// ...     acquisition.fill(sample, (0.12, -0.3, 9.81))
-    /// ...     print(sample.accelerometers.positive_pulses, sample.accelerometers.negative_pulses)
-    /// ...     sample.cancel()
-    /// (120000, 0, 9810000) (0, 300000, 0)
     #[pyo3(signature = (sample, specific_force, angular_rate = None))]
     fn fill(
         &self,

@@ -10,6 +10,7 @@ use isotherm_recording::rows::RecordedRow;
 use isotherm_recording_formats::convert::{Conversion, KnownColumns, Mapping, Settings, TimeSource};
 use isotherm_recording_formats::read::{Part, RecordingTime};
 use isotherm_recording_formats::write::{RosTable, RosWriter};
+use isotherm_shared::table::PulseScale;
 use isotherm_shared::wire::StreamSample;
 use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::failure::{Exit, Failure};
@@ -68,8 +69,8 @@ pub(crate) fn settings_of(origin: OriginOptions) -> PyResult<Settings> {
 /// mapping file, `first_row` the line of the first row of a text that is a table in memory.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "those of the function of the package, which have names there")]
-pub(crate) fn convert(
-    py: Python<'_>,
+pub(crate) fn convert<'py>(
+    py: Python<'py>,
     source: Foreign,
     first_row: Option<u64>,
     mapping: Option<(PathBuf, String)>,
@@ -79,8 +80,8 @@ pub(crate) fn convert(
     session: u64,
     instance: Option<u32>,
     part: PartOptions,
-    table: Option<PyRef<'_, Table>>,
-) -> PyResult<(Bound<'_, PyArray1<u8>>, Vec<String>)> {
+    table: Option<PyRef<'py, Table>>,
+) -> PyResult<(Bound<'py, PyArray1<u8>>, Vec<String>)> {
     if let Foreign::File(path) = &source {
         // Python's own exception for a file that cannot be opened.
         File::open(path).map_err(|error| file(path, &error))?;

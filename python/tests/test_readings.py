@@ -1,4 +1,4 @@
-"""Readings in, increments out: `Readings`, `specific_force` and `angular_rate`."""
+"""Readings in, increments out: `fill`, `specific_force` and `angular_rate`."""
 
 from __future__ import annotations
 
@@ -21,26 +21,24 @@ def serve(domain: DomainUnderTest) -> None:
     domain.spawn("--imu", f"imu-mems={domain.folder / MEMS_TABLE.name}").wait_until_ready()
 
 
-def readings() -> isotherm.Readings:
-    return isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=INTERVAL_NS)
+def connected() -> isotherm.Acquisition:
+    return isotherm.Acquisition("imu-mems", timeout=TIMEOUT, resolution=(1e-6, 1e-7))
 
 
 def test_readings_become_pulses_without_a_loss(domain: DomainUnderTest) -> None:
     serve(domain)
-    filling, pulses = readings(), np.zeros(2)
-    assert repr(filling) == "Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=2500000)"
-    assert (filling.accelerometer, filling.gyroscope, filling.interval_ns) == (1e-6, 1e-7, INTERVAL_NS)
-    with isotherm.Acquisition("imu-mems", timeout=TIMEOUT) as acquisition:
+    pulses = np.zeros(2)
+    with connected() as acquisition:
         for _ in range(1000):
             loan = acquisition.loan()
-            filling.fill(loan, [0.0, -1.000_000_3, 0.0], np.array([0.0, 0.0, 2.000_000_04]))
+            acquisition.fill(loan, [0.0, -1.000_000_3, 0.0], np.array([0.0, 0.0, 2.000_000_04]))
             assert loan.interval_ns == INTERVAL_NS
             pulses += loan.accelerometers.negative_pulses[1], loan.gyroscopes.positive_pulses[2]
             loan.cancel()
         assert pulses.tolist() == [1_000_000_300, 20_000_000_400]
         loan = acquisition.loan()
         loan.interval_ns = 2 * INTERVAL_NS
-        filling.fill(loan, (1.0, 0.0, 0.0))
+        acquisition.fill(loan, (1.0, 0.0, 0.0))
         assert loan.accelerometers.positive_pulses == (2_000_000, 0, 0)
         assert math.isnan(loan.gyroscopes.head_temperature[0]), "no reading"
         loan.cancel()
@@ -48,10 +46,9 @@ def test_readings_become_pulses_without_a_loss(domain: DomainUnderTest) -> None:
 
 def test_what_is_refused_changes_nothing(domain: DomainUnderTest) -> None:
     serve(domain)
-    filling = readings()
-    with isotherm.Acquisition("imu-mems", timeout=TIMEOUT) as acquisition:
+    with connected() as acquisition:
         loan = acquisition.loan()
-        filling.fill(loan, (0.000_000_3, 0.0, 0.0), (0.0, 0.0, 0.0))
+        acquisition.fill(loan, (0.000_000_3, 0.0, 0.0), (0.0, 0.0, 0.0))
         for force, rate, message in (
             ((0.0, math.nan, 0.0), (0.0, 0.0, 0.0), "A2: the reading is NaN"),
             ((0.0, 0.0, 0.0), (-math.inf, 0.0, 0.0), "G1: the reading is -inf"),
@@ -60,22 +57,18 @@ def test_what_is_refused_changes_nothing(domain: DomainUnderTest) -> None:
         ):
             before = loan.to_numpy().tobytes()
             with pytest.raises(ValueError, match=message):
-                filling.fill(loan, force, rate)
+                acquisition.fill(loan, force, rate)
             assert loan.to_numpy().tobytes() == before
-        filling.fill(loan, (0.000_000_3, 0.0, 0.0), (0.0, 0.0, 0.0))
+        acquisition.fill(loan, (0.000_000_3, 0.0, 0.0), (0.0, 0.0, 0.0))
         assert loan.accelerometers.positive_pulses[0] == 1, "the remainder of the first one"
-        filling.reset()
-        filling.fill(loan, (0.000_000_3, 0.0, 0.0), (0.0, 0.0, 0.0))
-        assert loan.accelerometers.positive_pulses[0] == 0
         loan.cancel()
         with pytest.raises(isotherm.Closed):
-            filling.fill(loan, (0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="the resolution is 0"):
-        isotherm.Readings(accelerometer=0.0, gyroscope=1e-7, interval_ns=INTERVAL_NS)
-    with pytest.raises(ValueError, match="the resolution is NaN"):
-        isotherm.Readings(accelerometer=1e-6, gyroscope=math.nan, interval_ns=INTERVAL_NS)
-    with pytest.raises(ValueError, match="the interval is 0 ns"):
-        isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=0)
+            acquisition.fill(loan, (0.0, 0.0, 0.0))
+    with isotherm.Acquisition("imu-mems", timeout=TIMEOUT) as acquisition, pytest.raises(ValueError, match="resolution"):
+        acquisition.fill(acquisition.loan(), (0.0, 0.0, 0.0))
+    for resolution in ((1e-5, 1e-7), (1e-6, math.nan)):
+        with pytest.raises(isotherm.IsothermError, match="one pulse of the source"):
+            isotherm.Acquisition("imu-mems", timeout=TIMEOUT, resolution=resolution)
 
 
 def test_the_example_gives_compensated_readings(domain: DomainUnderTest) -> None:

@@ -52,10 +52,6 @@ def stability() -> isotherm.Stability:
     return isotherm.verify(isotherm.calibrate_turntable(CAMPAIGN).table, still, attitude=(0.6, -0.48, 0.64))
 
 
-def readings() -> isotherm.Readings:
-    return isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=2_500_000)
-
-
 def two_tables() -> tuple[isotherm.Table, isotherm.Table]:
     text = TABLE.read_text()
     return isotherm.Table.parse(text), isotherm.Table.parse(text.replace('"imu-a"', '"imu-b"'))
@@ -76,7 +72,6 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "comparison": lambda: isotherm.compare(*two_tables(), other_device=True),
     "batch": lambda: isotherm.batch(two_tables()),
     "exported": lambda: isotherm.export_parameters(isotherm.calibrate_warm_up(WARM_UP, "imu-b", lag="none").table, to="ardupilot"),
-    "readings": readings,
     "flags": lambda: isotherm.Flags.LOST | isotherm.Flags.LATE,
     "noise": lambda: isotherm.noise(np.random.default_rng(1).normal(size=2000), interval=0.01),
     "lengths": lambda: isotherm.lengths(tumble().table, isotherm.read_recording(TUMBLE)),
@@ -88,7 +83,7 @@ def made(name: str) -> Any:
 
 
 # What changes, and so has no hash.
-CHANGES = ("vehicle", "readings", "noise", "lengths")
+CHANGES = ("vehicle", "noise", "lengths")
 
 
 @pytest.fixture(scope="module", params=RESULTS)

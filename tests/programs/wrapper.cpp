@@ -130,18 +130,10 @@ int main(int, char **words)
     CHECK(thrown([&] { acquisition.reading(6, 2.0, 1); }) == ISOTHERM_ERROR_VALUE);
     CHECK(isotherm::device("SN 42") == 0x46a7426ef29cc83b && isotherm::device("") == 0);
 
-    // Readings become pulses, and an increment becomes readings.
-    isotherm::Readings readings(1e-6, 1e-7, 2500us);
+    // An increment becomes readings.
+    // This acquisition has connected without a resolution, and the table is one of pulses.
     isotherm::RawSample read = ISOTHERM_RAW_SAMPLE_INIT;
-    readings.fill(read, {1.0000004, -2.0, 0.0}, isotherm::Vector{0.5, 0.0, -0.5});
-    readings.fill(read, {1.0000004, -2.0, 0.0});
-    CHECK(read.interval_ns == 2'500'000 && read.accelerometers.positive_pulses[0] == 1'000'001);
-    CHECK(read.gyroscopes.positive_pulses[0] == 0 && std::isnan(read.gyroscopes.head_temperature[0]));
-    readings.reset();
-    readings.fill(read, {1.0000004, -2.0, 0.0});
-    CHECK(read.accelerometers.positive_pulses[0] == 1'000'000 && read.accelerometers.negative_pulses[1] == 2'000'000);
-    CHECK(thrown([&] { readings.fill(read, {0.0, 0.0, NAN}); }) == ISOTHERM_ERROR_VALUE);
-    CHECK(thrown([&] { isotherm::Readings(1e-6, 1e-7, 0s).fill(read, {}); }) == ISOTHERM_ERROR_VALUE);
+    CHECK(thrown([&] { acquisition.fill(read, {1.0, -2.0, 0.0}); }) == ISOTHERM_ERROR_VALUE);
     isotherm::CompensatedIncrement half{};
     half.interval_ns = 500'000'000;
     half.velocity_increment[1] = half.angle_increment[2] = 1.0;

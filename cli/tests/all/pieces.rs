@@ -85,12 +85,12 @@ fn verify_noise_and_replay_take_the_pieces_that_calibrate_took() {
         assert!(err.contains("the longest stretch without a gap, a movement, a new session"), "{err}");
     }
     assert!(replayed[0] == replayed[1] && replayed[0].lines().count() == 33_601);
-    // With a table, gravity shows that the data are in another unit.
+    // With a table, the pulses show that the data are in another unit.
     fs::write(folder.join("milli.toml"), MAPPING.replace("resolution = 1e-5", "resolution = 1e-2")).unwrap();
-    for (mapping, words) in [("m.toml", None), ("milli.toml", Some("[not-gravity]: 0.001002 g0 at rest"))] {
+    for (mapping, code) in [("m.toml", 0), ("milli.toml", 65)] {
         let command = ["convert", "cold.csv", "--mapping", mapping, "--table", "t.toml", "-o", "again.csv"];
-        let (_, err) = run(folder, 0, &command);
-        assert!(words.map_or(!err.contains("not-gravity"), |words| err.contains(words)), "{err}");
+        let (_, err) = run(folder, code, &command);
+        assert_eq!(err.contains("A1: one pulse of the source is 1.0000e-4 m/s"), code == 65, "{err}");
     }
     // What overlaps, or is a copy, is no session.
     fs::copy(folder.join("plain-cold.csv"), folder.join("copy.csv")).unwrap();

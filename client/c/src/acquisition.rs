@@ -8,8 +8,8 @@ use crate::code::{CodedError, NONE, NULL, code, isotherm_code};
 use crate::handle::{Handle, close, create, enter};
 use crate::values::{domain, imu, lag_option, text, timeout};
 use core::ffi::c_char;
-use core::mem::offset_of;
-use core::ptr::NonNull;
+use core::mem::{MaybeUninit, offset_of};
+use core::ptr::{self, NonNull};
 use core::time::Duration;
 use isotherm_client::{
     Acquisition, ClosingNote, CompensateError, CompensatedIncrement, ExchangeError, KEPT_RANGE, Loan, Options,
@@ -210,24 +210,28 @@ pub unsafe extern "C" fn isotherm_acquisition_connect(
 /// # Safety
 /// `options` is NULL, or has the fields that its size says, and its strings are NULL or valid.
 unsafe fn options(options: *const isotherm_options) -> Result<Options, CodedError> {
-    const ALL: u64 = size_of::<isotherm_options>() as u64;
+    const ALL: usize = size_of::<isotherm_options>();
     /// Without the fields that came later.
-    const FIRST: u64 = offset_of!(isotherm_options, kept) as u64;
+    const FIRST: usize = offset_of!(isotherm_options, kept);
     if options.is_null() {
         return Ok(Options::from_environment()?);
     }
-    // SAFETY: not NULL, and these fields are always there.
-    let (size, name, timeout_ns, serial, lag_s) = unsafe {
-        let given = options;
-        ((*given).size, (*given).domain, (*given).timeout_ns, (*given).serial, (*given).lag_s)
-    };
-    let (periods, accelerometer, gyroscope) = match size {
-        // SAFETY: a program with this size has the fields.
-        0 | ALL => unsafe { ((*options).kept, (*options).accelerometer_resolution, (*options).gyroscope_resolution) },
-        FIRST => (0, 0.0, 0.0),
+    // SAFETY: not NULL, and the size is always there.
+    let size = match unsafe { (*options).size } as usize {
+        0 => ALL,
+        size if (FIRST..=ALL).contains(&size) && size.is_multiple_of(8) => size,
         _ => return Err(SIZE),
     };
+    let mut given = MaybeUninit::<isotherm_options>::zeroed();
+    // SAFETY: a program with this size has so many bytes, and all fields of 0 are valid, NULL included.
+    let given = unsafe {
+        ptr::copy_nonoverlapping(options.cast::<u8>(), given.as_mut_ptr().cast::<u8>(), size);
+        given.assume_init()
+    };
+    let isotherm_options { timeout_ns, lag_s, kept: periods, .. } = given;
+    let (accelerometer, gyroscope) = (given.accelerometer_resolution, given.gyroscope_resolution);
     let resolution = (accelerometer != 0.0 || gyroscope != 0.0).then_some(Resolution { accelerometer, gyroscope });
+    let (name, serial) = (given.domain, given.serial);
     // SAFETY: the caller's contract.
     let (domain, serial) = unsafe { (domain(name)?, text(serial)) };
     let serial = serial.map(|serial| String::from_utf8(serial).map_err(|_| SERIAL)).transpose()?;

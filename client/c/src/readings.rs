@@ -6,15 +6,15 @@ use crate::code::{NULL, isotherm_code};
 use crate::handle::without_handle;
 use isotherm_client::{CompensatedIncrement, RawSample};
 
-/// Writes the pulses of a sample of an acquisition that has connected with the resolutions of isotherm_options: three of
-/// `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate` [rad/s] about G1, G2, G3, each the mean over
-/// the interval of the sample. `angular_rate` is NULL for an IMU without gyroscopes: they become absent, with
+/// Writes the pulses of a sample of an acquisition that has connected with the resolutions of isotherm_options: three
+/// of `specific_force` [m/s2] along A1, A2, A3, and three of `angular_rate` [rad/s] about G1, G2, G3, each the mean
+/// over the interval of the sample. `angular_rate` is NULL for an IMU without gyroscopes: they become absent, with
 /// temperature NaN.
 ///
 /// The pulses are those of the table in force, whatever your own interval is, so the increment is right at any rate.
 /// What rounding leaves is carried to the next sample: all pulses together differ from the integral of all readings by
-/// half a pulse at most. An `interval_ns` of 0 in the sample becomes the nominal interval of the table. All other fields
-/// stay. Nothing is allocated, unless it fails.
+/// half a pulse at most. An `interval_ns` of 0 in the sample becomes the nominal interval of the table. All other
+/// fields stay. Nothing is allocated, unless it fails.
 ///
 /// While no table is known, or its pulses stand for something else, samples are invalid: they are sent with
 /// temperatures of NaN, so that their increments are NaN and flagged, and a line on stderr says why.

@@ -43,10 +43,10 @@ impl SamplePulses {
 }
 
 impl Acquisition {
-    /// Writes the pulses of a sample: `specific_force` \[m/s2\] along A1, A2, A3, and `angular_rate` \[rad/s\] about G1,
-    /// G2, G3, each the mean over the interval of the sample. Without `angular_rate` the gyroscopes become absent. What
-    /// rounding leaves is carried to the next sample, so that their sum differs from the integral of the readings by
-    /// half a pulse at most.
+    /// Writes the pulses of a sample: `specific_force` \[m/s2\] along A1, A2, A3, and `angular_rate` \[rad/s\] about
+    /// G1, G2, G3, each the mean over the interval of the sample. Without `angular_rate` the gyroscopes become absent.
+    /// What rounding leaves is carried to the next sample, so that their sum differs from the integral of the readings
+    /// by half a pulse at most.
     ///
     /// The pulses are those of the table in force, with the [resolution](Options::resolution) of the options, whatever
     /// your own interval is: the increment is right at any rate. An `interval_ns` of 0 becomes the nominal interval of

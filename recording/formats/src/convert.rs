@@ -378,7 +378,8 @@ impl Conversion {
         self.begin_ns = last_ns;
     }
 
-    /// Whether the rows are readings whose pulses are made for the nominal interval of a table. Valid after the first row.
+    /// Whether the rows are readings whose pulses are made for the nominal interval of a table. Valid after the first
+    /// row.
     #[must_use]
     pub fn fits_table(&self) -> bool {
         let has_interval = self.pulses.table.is_some_and(|table| table.nominal_ns != 0);

@@ -2,7 +2,9 @@
 
 use isotherm_shared::compensate::answer;
 use isotherm_shared::readings::{ReadingError, Readings, Resolution};
-use isotherm_shared::table::{CoefficientTable, Nominal, OutOfRange, nominal_content, nominal_table};
+use isotherm_shared::table::{
+    CoefficientTable, Nominal, OutOfRange, PulseMismatch, PulseScale, nominal_content, nominal_table,
+};
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use num_rational::BigRational;
 use num_traits::{Signed as _, Zero as _};
@@ -289,4 +291,49 @@ fn an_increment_without_an_interval_is_no_reading() {
     assert_eq!(increment.specific_force(), [2.0, 0.0, -2.0]);
     assert!(increment.angular_rate()[0].is_nan());
     assert_eq!(increment.angular_rate()[1..], [2.0, 4.0]);
+}
+
+#[test]
+fn a_pulse_of_a_source_is_compared_with_that_of_the_table() {
+    let resolution = Resolution { accelerometer: 1e-6, gyroscope: 1e-7 };
+    let nominal = Nominal { resolution, ..Nominal::new("imu-a".parse().unwrap(), 5_000_000, [-40.0, 85.0]) };
+    let scale = PulseScale::of(&nominal_table(&nominal).unwrap());
+    assert_eq!(scale.nominal_ns, 5_000_000);
+    let near = |is: f64, right: f64| (is / right - 1.0).abs() < 1e-12;
+    assert!(scale.velocity.iter().all(|velocity| near(*velocity, 5e-9)), "{scale:?}");
+    assert!(scale.angle.unwrap().iter().all(|angle| near(*angle, 5e-10)), "{scale:?}");
+    for (ratio, fits) in [(1.0, true), (0.801, true), (1.249, true), (0.799, false), (1.251, false), (f64::NAN, false)]
+    {
+        let of = |ratios: [Option<f64>; 2]| {
+            let [velocity, angle] = ratios;
+            scale.check([velocity.map(|ratio| ratio * 5e-9), angle.map(|ratio| ratio * 5e-10)]).is_ok()
+        };
+        assert_eq!([of([Some(ratio), None]), of([None, Some(ratio)])], [fits; 2], "{ratio}");
+        assert!(of([None, None]));
+    }
+    let wrong = scale.check([Some(5e-9), Some(1e-9)]).err();
+    assert!(matches!(wrong, Some(PulseMismatch::Weight { sensor: "G1", .. })), "{wrong:?}");
+    // Counts hold for one interval, within 1 %.
+    for (interval_ns, fits) in [(5_000_000, true), (5_049_000, true), (5_051_000, false), (10_000_000, false)] {
+        assert_eq!(scale.check_counts(interval_ns).is_ok(), fits, "{interval_ns}");
+    }
+    assert!(PulseScale { nominal_ns: 0, ..scale }.check_counts(10_000_000).is_ok());
+    // A table of accelerometers compares no gyroscopes.
+    let without = nominal_table(&Nominal { has_gyroscopes: false, ..nominal }).unwrap();
+    assert!(PulseScale::of(&without).check([Some(5e-9), Some(1.0)]).is_ok());
+}
+
+#[test]
+fn pulses_of_another_interval_are_rescaled_and_invalid_samples_have_no_temperature() {
+    let mut raw = RawSample::default();
+    raw.accelerometers.positive_pulses = [100, u32::MAX, 3];
+    raw.accelerometers.negative_pulses = [0, 0, 7];
+    raw.accelerometers.rescale(2.5);
+    assert_eq!(raw.accelerometers.positive_pulses, [250, u32::MAX, 8]);
+    assert_eq!(raw.accelerometers.negative_pulses, [0, 0, 18]);
+    raw.accelerometers.head_temperature = [25.0; 3];
+    raw.accelerometers.board_temperature = [25.0; 3];
+    raw.invalidate();
+    assert!(raw.accelerometers.head_temperature.iter().all(|temperature| temperature.is_nan()));
+    assert!(raw.gyroscopes.is_absent());
 }

@@ -102,7 +102,8 @@ findings! {
         /// and 5 standard errors.
         INTERVAL = "interval", FaultOrWarning, "Give the measured time of each row, in nanoseconds.";
         /// The rows have another interval than the readings that the table is made for. The median of their intervals
-        /// is not within 1 % of 1 to 64 times the table's `nominal_interval_s`. `replay` only warns of it.
+        /// is not within 1 % of 1 to 64 times the table's `nominal_interval_s`. `replay` only warns of it. Readings of
+        /// other programs are not judged, because they become pulses of the table.
         INTERVAL_NOT_NOMINAL = "interval-not-nominal", FaultOrWarning,
             "Give the table for this interval, or the rows that it was made for: docs/table.md#readings-format-3.";
         /// More than 1 % of the rows are missing, by sequence or by time. `replay` reports any missing row. `noise`

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 41] = [
+const KEYS: [&str; 42] = [
     "last_sample_unix_s",
     "rate_hz",
     "session_missing",
@@ -22,6 +22,7 @@ const KEYS: [&str; 41] = [
     "table_modified_unix_s",
     "sample_lag_s",
     "nominal_interval_s",
+    "pulse_velocity",
     "serial",
     "device",
     "other_device",
