@@ -12,6 +12,7 @@ use crate::number::Value;
 use crate::pulses::PulseClock;
 use crate::sample::{Assembler, NoSample, TemperatureColumns};
 use crate::tally::Tally;
+use crate::thermometer::Thermometer;
 use crate::timeline::{Counter, FrameObservation, FramePlace, FramePlacement, Timeline};
 use isotherm_client::RawSample;
 use isotherm_support::failure::tell;
@@ -31,6 +32,7 @@ pub(crate) struct Intake {
     byte_ns: f64,
     timeline: Timeline<Vec<Value>>,
     assembler: Assembler,
+    thermometer: Thermometer,
     /// Room for rows that wait.
     spare: Vec<Vec<Value>>,
     last_row: Vec<Value>,
@@ -128,6 +130,7 @@ impl Intake {
             // What a program hands on may come at any pace.
             timeline: if ends { timeline.at_any_pace() } else { timeline },
             assembler: Assembler::new(description.columns),
+            thermometer: Thermometer::new(description),
             spare: Vec::new(),
             last_row: Vec::new(),
             pulses: None,
@@ -210,6 +213,7 @@ impl Intake {
             // Another message of the device, as one of its GNSS receiver.
             self.tally.others += 1;
             self.assembler.take_temperature(row, self.last_ns);
+            self.thermometer.take(row, self.last_ns);
             return;
         }
         if timing.counter.is_some() && observed.counter.is_none()
@@ -329,6 +333,7 @@ impl Intake {
         self.sequence = 0;
         (self.has_sample, self.last_has_sample) = (false, false);
         self.assembler.reset();
+        self.thermometer.begin_session();
     }
 
     /// Notes whether the device is taken to be soaked, since its own clock or counter has just begun.
@@ -379,8 +384,13 @@ impl Intake {
     }
 
     fn sample(&mut self, row: &[Value], timestamp_ns: u64) -> Option<(RawSample, u64)> {
+        self.thermometer.take(row, timestamp_ns);
         match self.assembler.sample(row, timestamp_ns) {
-            Ok((raw, unhealthy)) => {
+            Ok((mut raw, unhealthy)) => {
+                if self.thermometer.is_stale(timestamp_ns) {
+                    raw.mark_stale();
+                    self.tally.stale += 1;
+                }
                 self.tally.samples += 1;
                 self.tally.unhealthy += u64::from(unhealthy != 0);
                 self.health.note(unhealthy);
@@ -388,6 +398,9 @@ impl Intake {
                 Some((RawSample { sequence: self.sequence, ..raw }, self.tally.sessions))
             }
             Err(cause) => {
+                if cause == NoSample::NoTemperature {
+                    self.thermometer.wait(timestamp_ns);
+                }
                 self.missing_sample(&cause);
                 None
             }
@@ -422,6 +435,7 @@ impl Intake {
         self.tally.outages += 1;
         self.after_outage = true;
         self.assembler.forget();
+        self.thermometer.forget();
     }
 }
 

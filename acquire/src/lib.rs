@@ -55,6 +55,7 @@ mod stream;
 mod tally;
 #[cfg(test)]
 mod tests;
+mod thermometer;
 mod timeline;
 
 pub use description::Description;

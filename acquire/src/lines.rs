@@ -147,9 +147,12 @@ impl Line {
     }
 }
 
-/// A decimal number, with spaces around it.
+/// A decimal number, or `nan` of a sensor that gives none, with spaces around it.
 fn number(field: &[u8]) -> Option<Value> {
     let text = std::str::from_utf8(field).ok()?.trim();
+    if text.eq_ignore_ascii_case("nan") {
+        return Some(Value::ABSENT);
+    }
     // Rust reads words such as "inf", too.
     let is_number = text.bytes().all(|byte| byte.is_ascii_digit() || b"+-.eE".contains(&byte));
     let number: f64 = text.parse().ok().filter(|_| is_number)?;
@@ -177,13 +180,21 @@ mod tests {
     #[test]
     fn lines_are_read_and_what_is_none_is_counted_however_the_bytes_come() {
         let line = Line { separator: Some(b','), count: Some(3), used: vec![2, 0], prefix: vec![], checksum: false };
-        let text = b"hello\n1,2,3\r\n\n 4, x, -6e1\n7,8\n7,8,nan\n7,8,9,10\n+1,,2\n1,2";
+        let text = b"hello\n1,2,3\r\n\n 4, x, -6e1\n7,8\n7,8,inf\n7,8,9,10\n+1,,2\n1,2";
         for piece in 1..text.len() {
             let (rows, skipped, damaged) = rows(&line, text, piece);
             assert_eq!(rows, [[3.0, 1.0], [-60.0, 4.0], [2.0, 1.0]]);
             assert_eq!((skipped.columns, skipped.noise, skipped.cut, skipped.damaged), (6 + 4 + 8 + 9, 1, 3, 4));
             assert_eq!(damaged, 4);
         }
+    }
+
+    #[test]
+    fn a_number_that_is_none_does_not_spoil_its_line() {
+        let line = Line { separator: Some(b','), count: None, used: vec![0, 1], prefix: vec![], checksum: false };
+        let (rows, skipped, _) = rows(&line, b"7,nan\n8, NaN\n9,nano\n", 3);
+        assert!(rows.len() == 2 && rows.iter().all(|row| row[1].is_nan()), "{rows:?}");
+        assert_eq!((rows[1][0], skipped.columns), (8.0, 7));
     }
 
     #[test]

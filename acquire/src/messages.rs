@@ -34,6 +34,10 @@ pub struct MessageSettings {
     pub has_gyroscopes: bool,
     /// The temperature of all samples; `None`: messages have it.
     pub temperature: Option<f64>,
+    /// What the temperature of messages is called in reports, such as its topic.
+    pub temperature_name: String,
+    /// The age at which the temperature of messages is stale \[s\], which may be infinite; `None`: by its pace.
+    pub temperature_max_age_s: Option<f64>,
 }
 
 /// The messages as a source of rows.
@@ -89,6 +93,8 @@ impl Description {
     ///     stamps: MessageStamps::Sample,
     ///     has_gyroscopes: true,
     ///     temperature: None,
+    ///     temperature_name: "temperature".to_owned(),
+    ///     temperature_max_age_s: None,
     /// };
     /// let description = Description::of_messages(settings, &MessageQueue::default());
     /// assert_eq!(description.summary(), "source of imu-a: messages, accelerometers and gyroscopes at 400 Hz");
@@ -97,7 +103,10 @@ impl Description {
     /// ```
     #[must_use]
     pub fn of_messages(settings: MessageSettings, queue: &MessageQueue) -> Self {
-        let MessageSettings { imu, serial, interval_ns, resolution, stamps, has_gyroscopes, temperature } = settings;
+        let MessageSettings { imu, serial, interval_ns, resolution, stamps, has_gyroscopes, temperature, .. } =
+            settings;
+        let mut names = COLUMNS.map(str::to_owned).to_vec();
+        names[TEMPERATURE] = settings.temperature_name;
         let axes = |first: usize| Axes {
             columns: std::array::from_fn(|axis| first + axis),
             offset: 0.0,
@@ -116,7 +125,7 @@ impl Description {
             range: None,
             duration: None,
         };
-        let place = || vec![ColumnRef::Name(COLUMNS[TEMPERATURE].to_owned())];
+        let place = || vec![ColumnRef::Name(names[TEMPERATURE].clone())];
         let linear = Linear { scale: 1.0, offset: 0.0 };
         let all = [TEMPERATURE; 2 * AXES];
         Self {
@@ -136,7 +145,6 @@ impl Description {
             },
             identity: None,
             setup: Vec::new(),
-            names: COLUMNS.map(str::to_owned).to_vec(),
             sensors: SensorColumns {
                 accelerometer: sensors(0, resolution.accelerometer),
                 gyroscope: has_gyroscopes.then(|| sensors(AXES, resolution.gyroscope)),
@@ -144,7 +152,9 @@ impl Description {
                     || Temperature::Columns { head: place(), board: place(), linear: Some(linear) },
                     Temperature::Constant,
                 ),
+                temperature_max_age_s: settings.temperature_max_age_s,
             },
+            names,
             realtime: Realtime::default(),
             spin: false,
             reopen_after: None,
@@ -172,6 +182,8 @@ mod tests {
             stamps: MessageStamps::Sample,
             has_gyroscopes: true,
             temperature: Some(25.0),
+            temperature_name: "temperature".to_owned(),
+            temperature_max_age_s: None,
         }
     }
 

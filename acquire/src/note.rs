@@ -66,7 +66,10 @@ impl KeptLag {
         }
         // Another clock: as much time has passed as on that of this machine. The first reading of the new one is taken
         // here, at the time that it would have had on the old one.
-        let first_ns = if first.telemetry_ns == 0 { first.timestamp_ns } else { first.telemetry_ns };
+        let first_ns = match first.temperature_time_ns() {
+            0 => first.timestamp_ns,
+            temperature_ns => temperature_ns,
+        };
         let age = first.timestamp_ns.saturating_sub(first_ns);
         let on_old = self.sample_ns.saturating_add(passed).saturating_sub(age);
         let mut lag = self.lag;

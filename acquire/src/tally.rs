@@ -106,6 +106,8 @@ pub struct Tally {
     pub samples: u64,
     /// Samples of a device whose status is not healthy: their temperature is NaN.
     pub unhealthy: u64,
+    /// Samples whose temperature is stale: they are computed, and flagged.
+    pub stale: u64,
     /// Samples that are invalid since the device's rate is another one: their temperature is NaN. Before the IMU's
     /// first sample, frames that are not used while the rate seems to be another one.
     pub other_rate: u64,
@@ -216,6 +218,7 @@ impl fmt::Display for Tally {
         }
         let faults = [
             (self.unhealthy, "unhealthy"),
+            (self.stale, "with a stale temperature"),
             (self.other_rate, "invalid for their rate"),
             (self.repeated, "repeated"),
             (self.others, "other messages"),

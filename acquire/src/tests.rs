@@ -7,6 +7,7 @@ mod intake;
 mod outages;
 mod page;
 mod streams;
+mod thermometer;
 mod times;
 mod world;
 

@@ -192,7 +192,8 @@
 #define ISOTHERM_FLAG_NO_TABLE (UINT64_C(1) << 19)
 
 /**
- * The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period.
+ * The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period; or the
+ * acquisition has marked it.
  */
 #define ISOTHERM_FLAG_TELEMETRY_STALE (UINT64_C(1) << 20)
 
@@ -616,7 +617,8 @@ typedef struct {
      */
     uint64_t sent_ns;
     /**
-     * When the temperatures were read, on the clock of `timestamp_ns` [ns]; 0 = unknown.
+     * When the temperatures were read, on the clock of `timestamp_ns` [ns]; 0 = unknown. The highest bit,
+     * 1 << 63, is no part of the time: it marks temperature that the acquisition holds for stale.
      */
     uint64_t telemetry_ns;
     /**

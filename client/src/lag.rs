@@ -99,7 +99,10 @@ impl AcquisitionLag {
     pub(crate) fn follow(&mut self, raw: &RawSample) {
         if self.option != LagOption::None {
             self.fed = ALL;
-            let time_ns = if raw.telemetry_ns != 0 { raw.telemetry_ns } else { raw.timestamp_ns };
+            let time_ns = match raw.temperature_time_ns() {
+                0 => raw.timestamp_ns,
+                temperature_ns => temperature_ns,
+            };
             (0..SENSORS).for_each(|sensor| self.check_clock(sensor, time_ns));
             self.lag.follow(raw);
         }

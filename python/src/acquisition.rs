@@ -604,7 +604,7 @@ impl Loan {
         self.with(|raw| raw.interval_ns = value)
     }
 
-    /// When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown.
+    /// When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown. The highest bit marks stale ones.
     #[getter]
     fn telemetry_ns(&self) -> PyResult<u64> {
         self.with(|raw| raw.telemetry_ns)

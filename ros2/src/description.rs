@@ -289,6 +289,9 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
     let constant = section.optional_number("temperature_c");
     let is_right = constant.is_none_or(|constant| constant.is_finite() && (-150.0..250.0).contains(&constant));
     section.fault_if(!is_right, "temperature_c", "give degrees Celsius, from -150 to 250");
+    let temperature_max_age_s = section.optional_limit("temperature_max_age_s");
+    let is_idle = section.has("temperature_c") && section.has("temperature_max_age_s");
+    section.fault_if(is_idle, "temperature_max_age_s", "is there without temperature_topic; leave it out");
     let sources = usize::from(section.has("temperature_topic")) + usize::from(section.has("temperature_c"));
     let missing = "missing; give the topic of sensor_msgs/Temperature, or temperature_c = 25.0 for a driver without \
                    one, whose increments are then those of one temperature";
@@ -311,7 +314,10 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
         (None, Some(constant)) => TemperatureOrigin::Constant(constant),
         _ => return None,
     };
-    let constant = if let TemperatureOrigin::Constant(constant) = temperature { Some(constant) } else { None };
+    let (constant, temperature_name) = match &temperature {
+        TemperatureOrigin::Topic(topic) => (None, topic.clone()),
+        TemperatureOrigin::Constant(constant) => (Some(*constant), String::new()),
+    };
     Some(InputSettings {
         topic: topic?.to_owned(),
         temperature,
@@ -325,6 +331,8 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
             stamps,
             has_gyroscopes,
             temperature: constant,
+            temperature_name,
+            temperature_max_age_s,
         },
         queue,
     })
@@ -411,6 +419,7 @@ mod tests {
             serial = "SN 42"
             topic = "/driver/imu/data_raw"
             temperature_topic = "/driver/imu/temperature"
+            temperature_max_age_s = inf
             frame = "imu_link"
             interval_s = 0.0025
             stamps = "arrival"
@@ -431,6 +440,9 @@ mod tests {
         let input = &node.inputs[0];
         assert_eq!((input.samples.interval_ns, input.samples.stamps), (2_500_000, MessageStamps::Arrival));
         assert_eq!(input.samples.resolution, Resolution { accelerometer: 1e-6, gyroscope: 1e-7 });
+        let samples = &input.samples;
+        assert_eq!(samples.temperature_max_age_s, Some(f64::INFINITY));
+        assert_eq!(samples.temperature_name, "/driver/imu/temperature");
         assert!(input.has_other_clock && output.has_other_clock && !input.samples.has_gyroscopes);
         assert_eq!(
             node.summary(),
@@ -480,6 +492,11 @@ mod tests {
         assert!(faults(twice).contains("two publishers"));
         assert!(faults("format = 1\n").contains("[[publish]]"));
         assert!(faults(&node("/driver/imu", "")).contains("those of one temperature"));
+        let idle = faults(&node("/driver/imu", "temperature_c = 20\ntemperature_max_age_s = 5"));
+        assert!(idle.contains("without temperature_topic"), "{idle}");
+        let never =
+            faults(&node("/driver/imu", "temperature_topic = \"/driver/temperature\"\ntemperature_max_age_s = 0"));
+        assert!(never.contains("a number over 0, or inf"), "{never}");
     }
 
     #[test]

@@ -186,6 +186,15 @@ fn of_temperature(found: &mut Findings, status: &ImuStatus, assumed: Option<f64>
         found.value("temperature", format!("taken to be {assumed} degC: there is no thermometer"));
         return;
     }
+    match status.temperature_age_s {
+        Some(age_s) => found.value("temperature_age_s", age_s),
+        None if status.received > 0 => found.value("temperature_age_s", "not given"),
+        None => {}
+    }
+    if status.temperature_stale {
+        let age = status.temperature_age_s.map_or("too old".to_owned(), |age_s| format!("{age_s:.1} s old"));
+        found.find(DiagnosticLevel::Warn, format!("the temperature is {age}: is the thermometer alive?"));
+    }
     for (axis, temperature) in status.head_temperature.iter().enumerate() {
         if let Some(temperature) = temperature {
             found.value(&format!("temperature_a{}", axis + 1), temperature);

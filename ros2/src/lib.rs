@@ -37,6 +37,6 @@ pub use message::{
     QuaternionMessage, SensorImu, SensorTemperature, TEMPERATURE, TimeMessage, VectorMessage,
 };
 pub use network::NetworkSettings;
-pub use output::{ImuComposer, OutputCounts, temperature_of};
+pub use output::{ImuComposer, OutputCounts, TemperatureOutput};
 pub use stamps::{StampClock, StampState};
 pub use topic::OutputTopics;

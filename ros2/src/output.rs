@@ -97,9 +97,28 @@ fn has_gyroscopes(increment: &CompensatedIncrement) -> bool {
     !is_absent || Flags(increment.flags).intersects(causes)
 }
 
+/// The temperatures of one IMU that are published: each with the time at which it was read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TemperatureOutput {
+    received: u64,
+    read_ns: u64,
+}
+
+impl TemperatureOutput {
+    /// The temperature of a status that was taken at `taken_ns`, and when it was read, on the same clock \[ns\]. That is
+    /// the time of the status where the acquisition does not give it, and never earlier than that of the status before.
+    /// `None` if no sample has come since then, or if the temperature is stale: an old one has no new stamp.
+    pub fn next(&mut self, imu: &ImuStatus, taken_ns: u64) -> Option<(f64, u64)> {
+        let has_sample = imu.received != std::mem::replace(&mut self.received, imu.received) && imu.rate_hz > 0;
+        let temperature = temperature_of(imu).filter(|_| has_sample && !imu.temperature_stale)?;
+        let age_ns = imu.temperature_age_s.map_or(0, |age_s| (age_s * 1e9) as u64);
+        self.read_ns = self.read_ns.max(taken_ns.saturating_sub(age_ns));
+        Some((temperature, self.read_ns))
+    }
+}
+
 /// The mean temperature of the accelerometers' heads, if it is in degrees Celsius.
-#[must_use]
-pub fn temperature_of(imu: &ImuStatus) -> Option<f64> {
+fn temperature_of(imu: &ImuStatus) -> Option<f64> {
     let is_celsius = imu.ranges.as_ref().is_some_and(|ranges| CELSIUS.contains(&ranges.unit.as_str()));
     let known: Vec<f64> = imu.head_temperature.iter().flatten().copied().collect();
     (is_celsius && !known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
@@ -135,6 +154,34 @@ mod tests {
         assert!(near(message.angular_velocity.into(), [0.8, 0.4, -1.2]));
         assert_eq!((message.header.frame_id.as_str(), message.header.stamp.sec), ("imu_a", 5));
         assert_eq!((message.orientation_covariance, message.angular_velocity_covariance), (ABSENT, [0.0; 9]));
+    }
+
+    /// The status of an IMU in degrees Celsius.
+    fn status(received: u64, temperature_age_s: Option<f64>, temperature_stale: bool) -> ImuStatus {
+        let ranges = [[-40.0, 85.0]; 3];
+        let document = serde_json::json!({
+            "id": "imu-a", "table_file": "", "ranges": { "unit": "degC", "head": ranges, "board": ranges },
+            "head_temperature": [25.0, 26.0, 27.0], "board_temperature": [null, null, null], "received": received,
+            "rate_hz": 100, "compensated": received, "gaps": 0, "missing": 0, "repeats": 0, "sessions": 1,
+            "transport_errors": 0, "flagged": {}, "reloads": 0, "refusals": 0,
+            "latency_distribution": { "counts": [], "sum_s": 0.0 }, "acquisition_connected": true, "readers": 1,
+            "temperature_age_s": temperature_age_s, "temperature_stale": temperature_stale,
+        });
+        serde_json::from_value(document).unwrap()
+    }
+
+    #[test]
+    fn a_temperature_has_the_time_at_which_it_was_read_and_none_if_it_is_stale() {
+        const SECOND: u64 = 1_000_000_000;
+        let mut output = TemperatureOutput::default();
+        let mut next =
+            |received, age_s, is_stale, second: u64| output.next(&status(received, age_s, is_stale), second * SECOND);
+        assert_eq!(next(1, Some(2.0), false, 100), Some((26.0, 98 * SECOND)));
+        assert_eq!(next(1, Some(2.0), false, 101), None, "no sample has come");
+        assert_eq!(next(2, Some(3.5), false, 101), Some((26.0, 98 * SECOND)), "a stamp does not go back");
+        assert_eq!(next(3, Some(1.0), false, 102), Some((26.0, 101 * SECOND)));
+        assert_eq!(next(4, Some(6.0), true, 107), None);
+        assert_eq!(next(5, None, false, 108), Some((26.0, 108 * SECOND)), "the acquisition does not say when");
     }
 
     #[test]

@@ -50,6 +50,8 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         other_device: imu.other_device().map(digits),
         lag_s: table.and_then(|table| table.content().lag_s),
         sample_lag_s: Some(counters.lag_ns()).filter(|ns| *ns != 0).map(|ns| ns as f64 / 1e9),
+        temperature_age_s: counters.temperature_age_s(),
+        temperature_stale: counters.is_stale(),
         nominal_interval_s: table.and_then(|table| table.content().nominal_interval_s),
         pulse_velocity: pulses.map(|pulses| pulses.velocity),
         ranges: table.map(Ranges::of_accelerometers),

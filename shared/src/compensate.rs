@@ -89,7 +89,7 @@ pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment:
     } else {
         (increment.velocity_increment, increment.angle_increment, flags) = any(table.content(), raw, &period);
     }
-    if raw.temperature_age_s() > kernel.max_age_s {
+    if raw.is_marked_stale() || raw.temperature_age_s() > kernel.max_age_s {
         flags |= Flags::TELEMETRY_STALE;
     }
     if raw.device != 0 && kernel.device != 0 && raw.device != kernel.device {

@@ -231,6 +231,20 @@ impl<'d, 'a> Section<'d, 'a> {
         number
     }
 
+    /// A number over 0, which may be `inf`.
+    pub fn optional_limit(&self, key: &'static str) -> Option<f64> {
+        let value = self.get(key)?.get_ref();
+        let number = match value {
+            DeValue::Float(float) => float.as_str().parse().ok(),
+            _ => number_of(value),
+        };
+        let number = number.filter(|number| *number > 0.0);
+        if number.is_none() {
+            self.wrong(key, value, "a number over 0, or inf");
+        }
+        number
+    }
+
     /// A finite number, required; `expected` says in messages what to give.
     pub fn number(&self, key: &'static str, expected: &str) -> Option<f64> {
         let number = self.optional_number(key);

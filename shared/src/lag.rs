@@ -212,8 +212,8 @@ impl Lag {
     /// sensor, at the sample's `timestamp_ns`.
     pub fn follow(&mut self, raw: &RawSample) {
         for (sensor, temperature) in heads(raw).into_iter().enumerate() {
-            if raw.telemetry_ns != 0 {
-                self.read(sensor, temperature, raw.telemetry_ns);
+            if raw.temperature_time_ns() != 0 {
+                self.read(sensor, temperature, raw.temperature_time_ns());
             } else if self.sensors[sensor].is_none_or(|last| last.temperature != temperature) {
                 self.read(sensor, temperature, raw.timestamp_ns);
             }

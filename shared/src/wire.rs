@@ -19,6 +19,10 @@ pub const SENSORS: usize = 2 * AXES;
 /// Longest control period that can be compensated: one hour. A longer one, or 0, is flagged [`Flags::INTERVAL`].
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 
+/// The bit of [`RawSample::telemetry_ns`] that marks temperature which the acquisition holds for stale. It is no part of
+/// the time: no clock counts 2^63 ns.
+const STALE_MARK: u64 = 1 << 63;
+
 /// What three sensors of one kind, accelerometers or gyroscopes, have measured in a control period.
 #[derive(Clone, Copy, Debug, Default, ZeroCopySend)]
 #[repr(C)]
@@ -95,7 +99,8 @@ pub struct RawSample {
     pub interval_ns: u64,
     /// `CLOCK_MONOTONIC` when the sample was sent \[ns\]; 0 = unknown.
     pub sent_ns: u64,
-    /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown.
+    /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown. The highest bit,
+    /// 1 << 63, is no part of the time: it marks temperature that the acquisition holds for stale.
     pub telemetry_ns: u64,
     /// Time constant of the lagged temperature \[ns\]; 0 = there is none.
     pub lag_ns: u64,
@@ -214,15 +219,45 @@ pub enum MergeError {
 }
 
 impl RawSample {
+    /// When the temperatures were read, on the clock of `timestamp_ns` \[ns\]; 0 = unknown.
+    ///
+    /// ```
+    /// use isotherm_shared::wire::RawSample;
+    ///
+    /// let mut raw = RawSample { telemetry_ns: 5_000_000_000, ..RawSample::default() };
+    /// raw.mark_stale();
+    /// assert!(raw.is_marked_stale());
+    /// assert_eq!(raw.temperature_time_ns(), 5_000_000_000);
+    /// ```
+    #[must_use]
+    #[inline]
+    pub const fn temperature_time_ns(&self) -> u64 {
+        self.telemetry_ns & !STALE_MARK
+    }
+
+    /// Whether the acquisition holds the temperature for stale.
+    #[must_use]
+    #[inline]
+    pub const fn is_marked_stale(&self) -> bool {
+        self.telemetry_ns & STALE_MARK != 0
+    }
+
+    /// Marks the temperature as stale: the increment is computed all the same, and flagged
+    /// [`TELEMETRY_STALE`](Flags::TELEMETRY_STALE).
+    #[inline]
+    pub const fn mark_stale(&mut self) {
+        self.telemetry_ns |= STALE_MARK;
+    }
+
     /// Time between the reading of the temperatures and the end of the control period \[s\], whichever comes first: a
     /// reading of some later time is as far from this period as an old one, or is of another clock. 0 where one of the
     /// two is not given.
     #[must_use]
     #[inline]
     pub const fn temperature_age_s(&self) -> f64 {
-        match (self.telemetry_ns, self.timestamp_ns) {
+        match (self.temperature_time_ns(), self.timestamp_ns) {
             (0, _) | (_, 0) => 0.0,
-            (telemetry_ns, timestamp_ns) => timestamp_ns.abs_diff(telemetry_ns) as f64 / 1e9,
+            (temperature_ns, timestamp_ns) => timestamp_ns.abs_diff(temperature_ns) as f64 / 1e9,
         }
     }
 
@@ -377,10 +412,12 @@ flags! {
             "`status` says why: the file is absent or refused, and no table from before is kept. Install a good file, which is loaded without a \
              restart, or accept the file that is there with `reload`.";
         /// The temperature is older than the table's `max_age_s`, or newer than the end of the control period by as
-        /// much. It is not flagged if its age is unknown. The increment is computed.
+        /// much; or `isotherm acquire` or the node of ROS 2 holds it for stale. It is not flagged by its age if that is
+        /// unknown. The increment is computed.
         TELEMETRY_STALE = 20,
-            "Check whether the thermometer is still read, or read it more often. A temperature that is newer than \
-             its period comes from another clock: give `telemetry_ns` on that of `timestamp_ns`.";
+            "Check whether the thermometer is still read, or read it more often. The log of the acquisition has age \
+             and limit, and `temperature_max_age_s` in its description sets the limit. A temperature that is newer \
+             than its period comes from another clock: give `telemetry_ns` on that of `timestamp_ns`.";
         /// The transient term of a bias is missing: the time constant of the sample is not that of the table, the
         /// sample has none, or the lag difference is not finite or larger than the bias's range. The increment is
         /// computed without that term.

@@ -26,8 +26,9 @@ impl DwellSums {
     fn add(&mut self, sample: &RawSample) {
         let seconds = sample.interval_ns as f64 / 1e9;
         self.seconds += seconds;
-        if sample.telemetry_ns > 0 {
-            self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - sample.telemetry_ns as f64 / 1e9);
+        if sample.temperature_time_ns() > 0 {
+            let read_s = sample.temperature_time_ns() as f64 / 1e9;
+            self.age += seconds * (sample.timestamp_ns as f64 / 1e9 - 0.5 * seconds - read_s);
         }
         for axis in 0..AXES {
             self.positive[axis] += f64::from(sample.accelerometers.positive_pulses[axis]);

@@ -32,6 +32,8 @@ fn imu(id: &str, seconds: u64) -> ImuStatus {
         other_device: None,
         lag_s: None,
         sample_lag_s: None,
+        temperature_age_s: None,
+        temperature_stale: false,
         nominal_interval_s: None,
         pulse_velocity: None,
         ranges: Some(Ranges { unit: "V".to_owned(), head: [[1.0, 2.0]; 3], board: [[1.0, 3.0]; 3] }),

@@ -40,7 +40,8 @@ pub const ISOTHERM_FLAG_A3_RATE: u64 = 1 << 17;
 pub const ISOTHERM_FLAG_INTERVAL: u64 = 1 << 18;
 /// The IMU is served without a table (`--allow-uncalibrated`); the increments are NaN.
 pub const ISOTHERM_FLAG_NO_TABLE: u64 = 1 << 19;
-/// The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period.
+/// The temperature is older than the table's `max_age_s`, or as much newer than the end of the control period; or the
+/// acquisition has marked it.
 pub const ISOTHERM_FLAG_TELEMETRY_STALE: u64 = 1 << 20;
 /// A bias had to do without its transient term: the sample's time constant is not the table's, or the lag difference is
 /// not finite or larger than the bias's range.

@@ -225,7 +225,8 @@ impl<'p> SampleRecorder<'p> {
         let RawSample { timestamp_ns, interval_ns, .. } = *sample;
         let previous_ns = last.map(|last| last.timestamp_ns);
         let far_ahead = previous_ns.is_some_and(|previous_ns| timestamp_ns.saturating_sub(previous_ns) > MAX_STEP_NS);
-        let stale = self.plan.campaign.max_age_s.is_some_and(|limit| sample.temperature_age_s() > limit);
+        let stale = sample.is_marked_stale()
+            || self.plan.campaign.max_age_s.is_some_and(|limit| sample.temperature_age_s() > limit);
         let gyroscopes = !self.plan.turns.is_empty() && gyroscopes_implausible(&sample.gyroscopes.or_zero()).is_some();
         implausible(sample, previous_ns).is_some() || gyroscopes || timestamp_ns < interval_ns || far_ahead || stale
     }

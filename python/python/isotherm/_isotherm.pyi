@@ -281,7 +281,7 @@ class Loan:
     def interval_ns(self, value: int) -> None: ...
     @property
     def telemetry_ns(self) -> int:
-        """When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown."""
+        """When the temperatures were read, on the acquisition's clock [ns]; 0 = unknown. The highest bit marks stale ones."""
     @telemetry_ns.setter
     def telemetry_ns(self, value: int) -> None: ...
     @property

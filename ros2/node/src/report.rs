@@ -8,7 +8,7 @@ use isotherm_files::{Trust, read_text};
 use isotherm_fit::TableFile;
 use isotherm_ros2::{
     DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, NodeDescription, QueueSettings, SensorTemperature, TEMPERATURE,
-    TableErrors, TimeMessage, diagnostics, temperature_of,
+    TableErrors, TemperatureOutput, TimeMessage, diagnostics,
 };
 use isotherm_service::StatusSource;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
@@ -47,6 +47,7 @@ struct ImuReport {
     topic: String,
     /// `None` where nobody measures the temperature.
     thermometer: Option<Publisher<SensorTemperature>>,
+    temperatures: TemperatureOutput,
     /// The table whose file was read, and what it says.
     table: Option<(String, Option<TableFile>)>,
     subscribers: usize,
@@ -67,7 +68,14 @@ impl Reporter {
             let is_measured = output.assumed_temperature.is_none();
             let thermometer =
                 is_measured.then(|| network.publisher(&topics.temperature, TEMPERATURE, output.queue)).transpose()?;
-            Ok(ImuReport { imu: output.imu.to_string(), topic: topics.imu, thermometer, table: None, subscribers: 0 })
+            Ok(ImuReport {
+                imu: output.imu.to_string(),
+                topic: topics.imu,
+                thermometer,
+                temperatures: TemperatureOutput::default(),
+                table: None,
+                subscribers: 0,
+            })
         });
         let now = Instant::now();
         Ok(Self {
@@ -134,12 +142,13 @@ impl Reporter {
     }
 
     fn publish_temperatures(&mut self, status: &ServiceStatus, outputs: &[Output]) {
-        let stamp = TimeMessage::of_unix_ns(self.unix.offset().unix_ns(status.taken_ns)).unwrap_or_default();
+        let offset = self.unix.offset();
         for (report, output) in self.imus.iter_mut().zip(outputs) {
             let Some(imu) = status.imus.iter().find(|imu| imu.id == report.imu) else { continue };
             output.take_errors(report.errors(imu));
-            let temperature = temperature_of(imu).filter(|_| imu.rate_hz > 0);
-            if let (Some(temperature), Some(thermometer)) = (temperature, &report.thermometer) {
+            let next = report.temperatures.next(imu, status.taken_ns);
+            if let (Some((temperature, read_ns)), Some(thermometer)) = (next, &report.thermometer) {
+                let stamp = TimeMessage::of_unix_ns(offset.unix_ns(read_ns)).unwrap_or_default();
                 let message = lock(&output.composer).temperature(temperature, stamp);
                 // The next one comes soon.
                 let _ = thermometer.publish(message);

@@ -30,6 +30,7 @@ metrics! {
     counter "frames_total" "/frames" "Frames, lines or scans received whole.";
     counter "samples_total" "/samples" "Samples made from them.";
     counter "unhealthy_total" "/unhealthy" "Samples of a device whose status is not healthy.";
+    counter "stale_temperature_total" "/stale" "Samples whose temperature is stale.";
     counter "repeated_total" "/repeated" "Frames with the number of the frame before.";
     counter "others_total" "/others" "Frames of items without those of the sensors.";
     counter "incomplete_total" "/incomplete" "Frames without all columns of the sensors.";

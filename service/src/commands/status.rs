@@ -162,6 +162,18 @@ fn describe_samples(text: &mut String, imu: &ImuStatus) -> std::fmt::Result {
     let last = imu.last_sample_unix_s.map(|at| format!(", the last sample {:.0} s ago", (unix_s() - at).max(0.0)));
     writeln!(text, "  acquisition  {acquisition}, {} sessions, {} readers", imu.sessions, imu.readers)?;
     writeln!(text, "  rate         {} Hz in the last second{}", imu.rate_hz, last.unwrap_or_default())?;
+    match (imu.temperature_age_s, imu.temperature_stale) {
+        (age_s, true) => {
+            let age = age_s.map_or("too long".to_owned(), |age_s| format!("{age_s:.1} s"));
+            writeln!(
+                text,
+                "  STALE        the temperature was read {age} before the last sample: is the thermometer alive?"
+            )?;
+        }
+        (Some(age_s), false) => writeln!(text, "  temperature  read {age_s:.1} s before the last sample")?,
+        (None, false) if imu.received > 0 => writeln!(text, "  temperature  age not given")?,
+        (None, false) => {}
+    }
     writeln!(
         text,
         "  samples      {} received, {} answered, {} missing in {} gaps, {} repeated",

@@ -38,6 +38,7 @@ use isotherm_client::sync::AtomicU64;
 use isotherm_shared::protocol::{Arrival, LastSession};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{AXES, Flags, RawSample};
+use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 use std::sync::{Arc, OnceLock};
 
@@ -73,6 +74,10 @@ struct Counters {
     other_device: AtomicU64,
     /// Time constant of the lagged temperature of the last sample \[ns\].
     lag_ns: AtomicU64,
+    /// Age of the temperature of the last sample \[s\], as bits of an `f64`; NaN if it is not given.
+    temperature_age: AtomicU64,
+    /// Whether the last increment was flagged stale.
+    is_stale: AtomicBool,
     /// Temperature of the last sample, as bits of an `f64`: heads and boards of the accelerometers, then of
     /// the gyroscopes.
     temperature: [AtomicU64; TEMPERATURE],
@@ -150,6 +155,10 @@ impl CounterWriter {
         let counters = &*self.0;
         // Values first, then the counts that show a reader that there are values.
         counters.lag_ns.store(raw.lag_ns, Relaxed);
+        let has_age = raw.temperature_time_ns() != 0 && raw.timestamp_ns != 0;
+        let age_s = if has_age { raw.temperature_age_s() } else { f64::NAN };
+        counters.temperature_age.store(age_s.to_bits(), Relaxed);
+        counters.is_stale.store(flags.intersects(Flags::TELEMETRY_STALE), Relaxed);
         if !arrival.repeated {
             counters.session.store(raw.session, Relaxed);
         }
@@ -274,6 +283,17 @@ impl CounterReader {
     /// Time constant of the lagged temperature of the last sample \[ns\], 0 if it has none.
     pub fn lag_ns(&self) -> u64 {
         self.0.lag_ns.load(Relaxed)
+    }
+
+    /// Age of the temperature of the last sample \[s\]; `None` if it is not given, or no sample has come yet.
+    pub fn temperature_age_s(&self) -> Option<f64> {
+        let age_s = f64::from_bits(self.0.temperature_age.load(Relaxed));
+        (self.received() > 0 && age_s.is_finite()).then_some(age_s)
+    }
+
+    /// Whether the last increment was flagged stale.
+    pub fn is_stale(&self) -> bool {
+        self.0.is_stale.load(Relaxed)
     }
 
     /// Temperature of a triad in the last sample, heads and boards; `None` where it is not finite or no sample has come

@@ -16,6 +16,7 @@ mod rates;
 mod recording;
 mod seen;
 mod stamps;
+mod thermometer;
 
 use isotherm_client::RawSample;
 use isotherm_recording::RawCsvReader;

@@ -10,7 +10,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 /// The keys of an IMU in the status, less those that are about a whole IMU.
-const KEYS: [&str; 42] = [
+const KEYS: [&str; 44] = [
+    "temperature_age_s",
+    "temperature_stale",
     "last_sample_unix_s",
     "rate_hz",
     "session_missing",

@@ -89,7 +89,7 @@ impl Readings {
 
     /// `unknown_ns` is the time of temperature whose time is not known.
     pub(super) fn add(&mut self, raw: &RawSample, temperature: f64, unknown_ns: u64) {
-        let (time_ns, is_new) = match raw.telemetry_ns {
+        let (time_ns, is_new) = match raw.temperature_time_ns() {
             // Without the time of the temperature only a change shows that it was read.
             0 => (unknown_ns, self.latest.is_none_or(|latest| latest.temperature != temperature)),
             time_ns => (time_ns, true),

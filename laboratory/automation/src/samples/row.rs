@@ -54,8 +54,8 @@ impl RowSum {
         self.count += 1;
         self.seconds += seconds;
         self.sum.timestamp_ns = sample.timestamp_ns;
-        let known = sample.telemetry_ns > 0 && (self.count == 1 || self.read_ns2 > 0);
-        self.read_ns2 += u128::from(sample.telemetry_ns) * u128::from(sample.interval_ns);
+        let known = sample.temperature_time_ns() > 0 && (self.count == 1 || self.read_ns2 > 0);
+        self.read_ns2 += u128::from(sample.temperature_time_ns()) * u128::from(sample.interval_ns);
         self.read_ns2 *= u128::from(known);
         self.sum.interval_ns += sample.interval_ns;
         self.accelerometers.add(&mut self.sum.accelerometers, &sample.accelerometers, seconds);

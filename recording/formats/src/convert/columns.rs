@@ -80,6 +80,8 @@ pub struct Sensors {
 #[derive(Clone, Copy)]
 struct NumberRules {
     kinds: &'static [(Kind, &'static str)],
+    /// Whether they come as they are measured, so that their temperature has an age.
+    are_live: bool,
     /// Whether they are means, without the time of a row.
     are_means: bool,
 }
@@ -116,12 +118,21 @@ pub struct SensorColumns {
     pub gyroscope: Option<Sensors>,
     /// The temperature.
     pub temperature: Temperature,
+    /// The age at which the temperature of an acquisition's source is stale \[s\], which may be infinite; `None`: by its
+    /// pace.
+    pub temperature_max_age_s: Option<f64>,
 }
 
 impl SensorColumns {
     /// Reads the three sections. With `header` columns have names, otherwise numbers. Faults are added to `document`.
     pub fn read(document: &Document<'_>, root: &Section<'_, '_>, header: bool) -> Option<Self> {
-        Self::sections(document, root, header, false, NumberRules { kinds: &Kind::OF_SIGNALS, are_means: false })
+        Self::sections(
+            document,
+            root,
+            header,
+            false,
+            NumberRules { kinds: &Kind::OF_SIGNALS, are_live: true, are_means: false },
+        )
     }
 
     /// As [`read`](Self::read), of a text, which may have the pulses of a converter. With `two_files` accelerometers
@@ -133,7 +144,13 @@ impl SensorColumns {
         two_files: bool,
         are_means: bool,
     ) -> Option<Self> {
-        Self::sections(document, root, header, two_files, NumberRules { kinds: &Kind::OF_TEXTS, are_means })
+        Self::sections(
+            document,
+            root,
+            header,
+            two_files,
+            NumberRules { kinds: &Kind::OF_TEXTS, are_live: false, are_means },
+        )
     }
 
     fn sections(
@@ -166,8 +183,12 @@ impl SensorColumns {
             sensors
         });
         let temperature = root.section("temperature", "a section [temperature]");
+        let temperature_max_age_s = match &temperature {
+            Some(section) if numbers.are_live => section.optional_limit("temperature_max_age_s"),
+            _ => None,
+        };
         let temperature = temperature.and_then(|section| temperature_of(section, header, has_gyroscope));
-        Some(Self { accelerometer: accelerometer?, gyroscope, temperature: temperature? })
+        Some(Self { accelerometer: accelerometer?, gyroscope, temperature: temperature?, temperature_max_age_s })
     }
 }
 
@@ -368,7 +389,7 @@ fn temperature_of(section: Section<'_, '_>, header: bool, gyroscopes: bool) -> O
     };
     section.ignore("columns");
     section.ignore("board_columns");
-    for key in ["board_columns", "scale", "offset"] {
+    for key in ["board_columns", "scale", "offset", "temperature_max_age_s"] {
         if section.has("constant") && section.has(key) {
             section.fault(key, "is there without columns; leave it out");
         }

@@ -214,7 +214,7 @@ impl Mapping {
                 document.fault(line, format!("{path}.{key}"), message);
             }
         }
-        let SensorColumns { accelerometer, gyroscope, temperature } = columns?;
+        let SensorColumns { accelerometer, gyroscope, temperature, .. } = columns?;
         let mut time = time?;
         if let Some(gate_s) = accelerometer.gate_s {
             time.interval_ns = Some((gate_s * 1e9).round() as u64);

@@ -187,7 +187,10 @@ impl<W: Write> RosWriter<W> {
     fn temperature(&mut self, row: &RecordedRow, raw: &RawSample) -> io::Result<()> {
         let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == row.imu) else { return Ok(()) };
         let Some(channel_id) = imu.temperature else { return Ok(()) };
-        let stamp_ns = if raw.telemetry_ns == 0 { raw.timestamp_ns } else { raw.telemetry_ns };
+        let stamp_ns = match raw.temperature_time_ns() {
+            0 => raw.timestamp_ns,
+            temperature_ns => temperature_ns,
+        };
         let heads = raw.accelerometers.head_temperature;
         let celsius = heads[0] + ((heads[1] - heads[0]) + (heads[2] - heads[0])) / AXES as f64;
         self.message.clear();

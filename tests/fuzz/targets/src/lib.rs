@@ -102,8 +102,10 @@ pub fn checked(table: Option<&CoefficientTable>, raw: &RawSample) -> Compensated
 
 /// The flags that no sensor gives.
 fn of_sample(table: Option<&CoefficientTable>, raw: &RawSample) -> Flags {
-    let age = raw.timestamp_ns.abs_diff(raw.telemetry_ns) as f64 / 1e9;
-    let known = raw.telemetry_ns != 0 && raw.timestamp_ns != 0;
+    // The highest bit is the mark of the acquisition, and no part of the time.
+    let (is_marked, read_ns) = (raw.telemetry_ns >> 63 == 1, raw.telemetry_ns % (1 << 63));
+    let age = raw.timestamp_ns.abs_diff(read_ns) as f64 / 1e9;
+    let known = read_ns != 0 && raw.timestamp_ns != 0;
     let limit = table.and_then(|table| table.content().max_age_s);
     let own = table.map_or(0, CoefficientTable::device);
     let nominal = table.map_or(0, CoefficientTable::nominal_ns);
@@ -114,7 +116,7 @@ fn of_sample(table: Option<&CoefficientTable>, raw: &RawSample) -> Flags {
             Flags::INTERVAL_NOT_NOMINAL,
         ),
         (table.is_none(), Flags::NO_TABLE),
-        (known && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE),
+        (table.is_some() && is_marked || known && limit.is_some_and(|limit| age > limit), Flags::TELEMETRY_STALE),
         (![0, raw.device].contains(&own) && raw.device != 0, Flags::OTHER_DEVICE),
     ])
 }
