@@ -436,6 +436,10 @@ impl ForeignRows for TextSource {
         self.gyroscopes.is_some()
     }
 
+    fn has_temperature(&self) -> bool {
+        matches!(self.columns.temperature, TextTemperature::Columns(..))
+    }
+
     fn counts_since_the_row_before(&self) -> bool {
         self.kind == Kind::Increment
     }
