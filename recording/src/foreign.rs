@@ -137,6 +137,10 @@ pub trait ForeignRows {
         false
     }
 
+    /// Whether the temperature of the rows was measured: it is neither given nor a placeholder. Valid after the last
+    /// row.
+    fn has_temperature(&self) -> bool;
+
     /// Why there are no rows, if all have been read.
     fn no_rows(&self) -> String {
         "there are no rows".to_owned()

@@ -16,6 +16,7 @@ use isotherm_report::{json, outcome};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Nominal, PulseScale, nominal_content, nominal_table};
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::finding::{Finding, Severity, name};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -367,6 +368,15 @@ fn marked<'a>(rows: impl Iterator<Item = Row> + 'a, marks: &'a mut Marks) -> imp
     rows.inspect(|row| row.iter().for_each(|row| marks.add(&row.sample)))
 }
 
+/// What was found in the files of a recording. With clocks that are apart, its curves would be those of another time.
+fn found_in(rows: &Recording) -> Vec<Finding> {
+    let judged = |finding: Finding| match finding.name {
+        name::CLOCKS_APART => Finding { severity: Severity::Fault, ..finding },
+        _ => finding,
+    };
+    rows.findings().into_iter().map(judged).collect()
+}
+
 /// Reads the recordings of one IMU.
 struct RecordingReader<'a> {
     input: Input,
@@ -460,7 +470,7 @@ impl<'a> RecordingReader<'a> {
     fn tumbles(&self, samples: Vec<RowSource<'_>>) -> Result<Vec<RecordingInput<TumbleRecording>>, Failure> {
         let read = |name: &str, rows: &mut dyn Iterator<Item = Row>| TumbleRecording::read(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
-            Some(rows) => recording.with_findings(rows.findings()),
+            Some(rows) => recording.with_findings(found_in(rows)),
             None => recording,
         })
     }
@@ -476,7 +486,7 @@ impl<'a> RecordingReader<'a> {
             |name: &str, rows: &mut dyn Iterator<Item = Row>| RampRecording::read_screened(name.to_owned(), rows);
         self.recordings(samples, read, |recording, rows| match rows {
             Some(rows) => {
-                let recording = recording.with_findings(rows.findings()).of_table(rows.fits_table());
+                let recording = recording.with_findings(found_in(rows)).of_table(rows.fits_table());
                 (recording.with_in_use(rows.vehicle_state().in_use()), Some(rows.nominal(imu)))
             }
             None => (recording, None),

@@ -14,7 +14,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// Findings of files that the dwells show by themselves.
-const OF_DWELLS: [&str; 3] = [name::MISSING_ROWS, name::TIME_STEP, name::INTERVAL];
+const OF_DWELLS: [&str; 4] = [name::MISSING_ROWS, name::TIME_STEP, name::INTERVAL, name::ONE_TEMPERATURE];
 /// A time since 1970 that is later is a date \[ns\]: 2001.
 const DATED_NS: u64 = 1_000_000_000_000_000_000;
 /// Times of a day that were joined over a few days are earlier \[ns\]: a year.

@@ -4,6 +4,7 @@
 mod batch;
 mod calibration;
 mod cli;
+mod clocks;
 mod common;
 mod compare;
 mod describe;

@@ -27,6 +27,7 @@ mod novatel;
 mod opening;
 mod placed;
 mod proposal;
+mod recorded;
 mod refused;
 mod rhythm;
 mod rollover;
@@ -80,6 +81,8 @@ const PLAUSIBLE_NS: std::ops::RangeInclusive<u64> = 20_000..=100_000_000_000;
 const SAME: f64 = 0.01;
 const FEW_ROWS: u64 = 100;
 const SAME_OF_FEW: f64 = 0.2;
+/// Thermometers may show one temperature for so long \[ns\].
+const ONE_TEMPERATURE_NS: u64 = 60_000_000_000;
 /// Bytes by which the format is recognised.
 const BEGINNING: u64 = 1 << 16;
 
@@ -456,6 +459,18 @@ impl Conversion {
             add(
                 name::INTERVAL,
                 format!("the interval is {seconds} s, {hertz:.3e} Hz: {limits}; is the unit of the time right?"),
+            );
+        }
+        let covered_ns = self.nominal_ns.saturating_mul(self.rows);
+        let one = self.temperature.only().filter(|_| self.input.source.has_temperature());
+        if let Some(only) = one.filter(|_| covered_ns > ONE_TEMPERATURE_NS) {
+            let seconds = covered_ns / 1_000_000_000;
+            add(
+                name::ONE_TEMPERATURE,
+                format!(
+                    "all rows of {seconds} s have the temperature {only}: nothing in them depends on temperature; look \
+                     whether the thermometer lives, and whether its stamps are those of the rows"
+                ),
             );
         }
         let Gaps { count, missing, first } = self.gaps;

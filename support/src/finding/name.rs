@@ -355,6 +355,15 @@ findings! {
         /// The data have no temperature, or none at their beginning. A placeholder or the first temperature is used
         /// instead.
         NO_TEMPERATURE = "no-temperature", Warning, "Give `--temperature`, or a source that has one.";
+        /// All rows of third-party data, of more than 60 s, have one and the same measured temperature. The thermometer
+        /// is dead or coarse, or its stamps are not of the clock of the rows.
+        ONE_TEMPERATURE = "one-temperature", Warning,
+            "Check the thermometer and its stamps. Do nothing if the temperature was that steady.";
+        /// The IMU and the thermometer of a bag are stamped by clocks that are apart, so that rows have the temperature
+        /// of another time. Messages that were recorded at the same time have stamps that differ by more than 1 s, and
+        /// by more than twice the time between two temperatures. It is a fault in `calibrate`, and a warning elsewhere.
+        CLOCKS_APART = "clocks-apart", FaultOrWarning,
+            "Set the clocks and record again, or give `--time log`, which takes the times of recording for both.";
         /// Rows of a log cannot be used, and are left out. Their times do not follow those of the others, a value is
         /// not a number, or a temperature is missing. The log is damaged, or its driver was not ready.
         ROWS_LEFT_OUT = "rows-left-out", Warning,
@@ -370,8 +379,11 @@ findings! {
         BYTE_ORDER = "byte-order", Fault, "Convert the data again with the other order of bytes.";
         /// The stamps of third-party data jitter or come in bursts, so their rows are put on an even clock. Lost rows
         /// cannot be detected there. If only up to 1 % of the stamps are bad, they are corrected, or their rows are
-        /// left out.
-        STAMPS = "stamps", Warning, "Stamp the samples where they are taken, or give `interval_s`.";
+        /// left out. In a bag, each row has the last temperature that was recorded before it if fewer than a tenth of
+        /// the rows are stamped between the first and the last temperature, or if the stamps of a topic do not rise.
+        STAMPS = "stamps", Warning,
+            "Stamp the samples where they are taken, or give `interval_s`. Stamp the temperatures of a bag with the \
+             clock of its IMU.";
         /// The clock of third-party data starts again. A logger was restarted, or its clock was set back. The rows
         /// after that are another session.
         NEW_SESSION = "new-session", Warning, "Do nothing if the logger was restarted there.";

@@ -11,6 +11,8 @@ use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, Severity, name};
 
+/// What was found in files and concerns every curve: it is said before anything is fitted.
+const IN_FILES: [&str; 2] = [name::INTERVAL, name::CLOCKS_APART];
 /// Rows cover at least this part of the time.
 const COVERED: f64 = 0.5;
 /// The length of the specific force at rest may be off by this part of 1 g0: biases of cheap sensors are in it.
@@ -39,7 +41,7 @@ const RATE_PART: f64 = 0.01;
 /// What is found before anything is fitted.
 pub(super) fn before(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_recording = |recording: &RampRecording| {
-        let of_file = recording.findings().iter().filter(|finding| finding.name == name::INTERVAL).cloned();
+        let of_file = recording.findings().iter().filter(|finding| IN_FILES.contains(&finding.name)).cloned();
         let interval = recording.continuity().interval().map(|fault| {
             let finding = fault.finding();
             Finding { message: format!("{}: {}", recording.name(), finding.message), ..finding }
@@ -72,7 +74,7 @@ pub(super) fn after(found: &Transients) -> Vec<Finding> {
 /// What is said last: temperature that never settles, and what was found in the files.
 pub(super) fn last(recordings: &[RampRecording], nominal: &CoefficientTable) -> Vec<Finding> {
     let of_files = recordings.iter().flat_map(|recording| recording.findings().iter().cloned());
-    let of_files = of_files.filter(|finding| finding.name != name::INTERVAL);
+    let of_files = of_files.filter(|finding| !IN_FILES.contains(&finding.name));
     let unit = &nominal.content().temperature_unit;
     recordings.iter().filter_map(|recording| settled(recording, unit)).chain(of_files).collect()
 }

@@ -306,6 +306,10 @@ impl ForeignRows for DataFlashSource {
         true
     }
 
+    fn has_temperature(&self) -> bool {
+        self.has_temperature && self.temperature.is_none()
+    }
+
     fn device(&self) -> u64 {
         self.imu.named(self.instance).device()
     }

@@ -358,6 +358,10 @@ impl ForeignRows for UlogSource {
         self.thermometer.has_gyroscopes()
     }
 
+    fn has_temperature(&self) -> bool {
+        self.has_temperature && self.temperature.is_none()
+    }
+
     fn device(&self) -> u64 {
         self.imu.named(self.instance).device()
     }

@@ -280,6 +280,10 @@ impl ForeignRows for JoinedSource {
         true
     }
 
+    fn has_temperature(&self) -> bool {
+        self.streams()[0].rows.source.has_temperature()
+    }
+
     fn no_rows(&self) -> String {
         let [slow, fast] = [&self.slow, &self.fast].map(|stream| &stream.name);
         let [slow_ns, fast_ns] = self.first_ns.map(Option::unwrap_or_default);

@@ -188,6 +188,10 @@ impl ForeignRows for NovatelSource {
         true
     }
 
+    fn has_temperature(&self) -> bool {
+        false
+    }
+
     fn notes(&self) -> Vec<String> {
         let mut notes = vec![format!("{}: A1, A2, A3 are X, Y, Z of the IMU", self.log.unwrap_or_default())];
         if self.others + self.abbreviated > 0 {

@@ -2,9 +2,10 @@
 //!
 //! The time is that of `header.stamp`, unless the time of the log is wanted. The temperature of a row is that of the
 //! last `sensor_msgs/msg/Temperature` up to its time; so the file is read twice, first for the topics and the
-//! temperatures.
+//! temperatures. Where the stamps of the temperatures are of no use for the rows, it is the last one that was recorded.
 
 use super::joined::JoinedSource;
+use super::recorded::{EvenSample, JoinedTemperatures, MessageTimes, TimedTemperature};
 use super::settings::{Settings, TimeSource};
 use super::stream::RowStream;
 use super::unit::Quantity;
@@ -64,21 +65,23 @@ enum TopicChoice {
     Two([String; 2]),
 }
 
-/// What the first messages of a topic have other than zeros.
-#[derive(Clone, Copy, Debug, Default)]
+/// What the first messages of a topic have other than zeros, and the times of some of all.
+#[derive(Clone, Debug, Default)]
 struct TopicContent {
     messages: u64,
     accelerations: bool,
     rates: bool,
+    times: EvenSample<MessageTimes>,
 }
 
 /// Messages of a topic that are looked at.
 const LOOKED_AT: u64 = 100;
 
-/// The temperatures of a topic by their time \[ns\].
+/// The temperatures of a topic.
+#[derive(Default)]
 struct Temperatures {
     topic: Option<String>,
-    values: Vec<(u64, f64)>,
+    joined: JoinedTemperatures,
     /// Rows before the first temperature.
     before: u64,
 }
@@ -157,7 +160,7 @@ pub(crate) fn is_bag(source: &DataSource) -> bool {
 struct BagContents {
     /// The topics of `sensor_msgs/msg/Imu`.
     imus: BTreeMap<String, TopicContent>,
-    temperatures: BTreeMap<String, Vec<(u64, f64)>>,
+    temperatures: BTreeMap<String, Vec<TimedTemperature>>,
     /// All topics, with their schemas.
     topics: BTreeMap<String, String>,
 }
@@ -182,8 +185,7 @@ impl RosSource {
         }
         let failed = |error: RecordingError| error.failure(path);
         let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        let mut contents =
-            BagContents::read(&mut BagMessages::new(data.source, data.take()), settings.time).map_err(failed)?;
+        let mut contents = BagContents::read(&mut BagMessages::new(data.source, data.take())).map_err(failed)?;
         let chosen = contents.choose(settings).map_err(|problem| refused(contents.problem(&problem, IMU)))?;
         let names: Vec<_> = contents.temperatures.keys().cloned().collect();
         let temperature_topic = match temperature {
@@ -191,10 +193,10 @@ impl RosSource {
             None => choose(&names, settings.temperature_topic.as_deref(), "--temperature-topic")
                 .map_err(|problem| refused(contents.problem(&problem, TEMPERATURE)))?,
         };
-        let mut values =
-            temperature_topic.as_ref().and_then(|topic| contents.temperatures.remove(topic)).unwrap_or_default();
-        values.sort_by_key(|(stamp_ns, _)| *stamp_ns);
-        let temperatures = Temperatures { topic: temperature_topic, values, before: 0 };
+        let temperatures = match temperature_topic {
+            Some(topic) => contents.temperatures_of(topic, &chosen, settings.time).map_err(refused)?,
+            None => Temperatures::default(),
+        };
         let of_topic = |messages: BagMessages, topic: String, wanted: SensorChoice| Self {
             messages,
             topic,
@@ -203,7 +205,7 @@ impl RosSource {
             gyroscopes: true,
             first: None,
             temperature,
-            temperatures: Temperatures { topic: None, values: Vec::new(), before: 0 },
+            temperatures: Temperatures::default(),
             units,
         };
         let messages = BagMessages::new(data.source, data.again(&settings.progress)?);
@@ -280,13 +282,14 @@ impl RosSource {
             (reading.pulses[index], reading.rest[index]) =
                 pulses.map_err(|message| format!("{}: {message}", name()))?;
         }
-        self.temperatures.before += u64::from(self.temperatures.are_after(stamp_ns));
-        self.take_temperature(stamp_ns, &mut reading);
+        let time_ns = if self.temperatures.joined.are_by_recording { log_ns } else { stamp_ns };
+        self.temperatures.before += u64::from(self.temperatures.joined.are_after(time_ns));
+        self.take_temperature(time_ns, &mut reading);
         Ok(reading)
     }
 
     fn take_temperature(&self, time_ns: u64, reading: &mut ForeignRow) {
-        let temperature = self.temperature.or_else(|| self.temperatures.at(time_ns)).unwrap_or(PLACEHOLDER);
+        let temperature = self.temperature.or_else(|| self.temperatures.joined.at(time_ns)).unwrap_or(PLACEHOLDER);
         (reading.head, reading.board) = ([temperature; _], [temperature; _]);
     }
 }
@@ -320,6 +323,10 @@ impl ForeignRows for RosSource {
         self.gyroscopes
     }
 
+    fn has_temperature(&self) -> bool {
+        self.temperature.is_none() && !self.temperatures.joined.values.is_empty()
+    }
+
     fn notes(&self) -> Vec<String> {
         let of = match self.wanted {
             SensorChoice::Gyroscopes => "G1, G2, G3 are x, y, z; one pulse is",
@@ -343,53 +350,45 @@ impl ForeignRows for RosSource {
     }
 
     fn retime(&self, reading: &mut ForeignRow) {
-        if let Some(time_ns) = reading.timestamp_ns {
+        // When it was recorded does not depend on its stamp.
+        let is_by_other_time = self.time == TimeSource::Header && self.temperatures.joined.are_by_recording;
+        if let Some(time_ns) = reading.timestamp_ns.filter(|_| !is_by_other_time) {
             self.take_temperature(time_ns, reading);
         }
     }
 
     fn findings(&self) -> Vec<Finding> {
         let truncation = self.messages.records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
-        let Temperatures { topic, before, .. } = &self.temperatures;
+        let Temperatures { topic, before, joined } = &self.temperatures;
         let none = if topic.is_none() { placeholder(self.temperature) } else { None };
         let late = || format!("{before} rows before the first temperature have that one");
         let late = (*before > 0).then(|| Finding::warning(name::NO_TEMPERATURE, late()));
-        truncation.into_iter().chain(none).chain(late).collect()
-    }
-}
-
-impl Temperatures {
-    /// Number of temperatures up to this time.
-    fn passed(&self, time_ns: u64) -> usize {
-        self.values.partition_point(|(of_ns, _)| *of_ns <= time_ns)
-    }
-
-    /// Whether there are temperatures, and all are after this time.
-    fn are_after(&self, time_ns: u64) -> bool {
-        !self.values.is_empty() && self.passed(time_ns) == 0
-    }
-
-    /// The last temperature up to this time, otherwise the first.
-    fn at(&self, time_ns: u64) -> Option<f64> {
-        self.values.get(self.passed(time_ns).saturating_sub(1)).map(|(_, celsius)| *celsius)
+        truncation.into_iter().chain(none).chain(joined.finding.clone()).chain(late).collect()
     }
 }
 
 impl BagContents {
-    fn read(messages: &mut BagMessages, time: TimeSource) -> Result<Self, RecordingError> {
+    fn read(messages: &mut BagMessages) -> Result<Self, RecordingError> {
         let mut contents = Self::default();
         while let Some((channel, data, log_ns)) = messages.next()? {
             if channel.kind == MessageKind::Temperature {
                 let temperature = TemperatureMessage::decode(channel.encoding, &data);
                 let temperature = temperature.map_err(|message| messages.error(messages.count(), message))?;
                 let values = contents.temperatures.entry(channel.topic.clone()).or_default();
-                let time_ns = if time == TimeSource::Header { temperature.stamp_ns } else { log_ns };
-                values.push((time_ns, temperature.celsius));
-            } else if contents.imus.get(&channel.topic).is_none_or(|seen| seen.messages < LOOKED_AT) {
-                let seen = contents.imus.entry(channel.topic.clone()).or_default();
+                let times = MessageTimes { stamp_ns: temperature.stamp_ns, log_ns };
+                values.push(TimedTemperature { times, celsius: temperature.celsius });
+                continue;
+            }
+            if !contents.imus.contains_key(&channel.topic) {
+                contents.imus.insert(channel.topic.clone(), TopicContent::default());
+            }
+            let Some(seen) = contents.imus.get_mut(&channel.topic) else { continue };
+            // What cannot be read is an error where the rows are.
+            let decoded = || ImuMessage::decode(channel.encoding, &data).ok();
+            seen.times.add(|| Some(MessageTimes { stamp_ns: decoded()?.stamp_ns, log_ns }));
+            if seen.messages < LOOKED_AT {
                 seen.messages += 1;
-                // What cannot be read is an error where the rows are.
-                if let Ok(imu) = ImuMessage::decode(channel.encoding, &data) {
+                if let Some(imu) = decoded() {
                     let has = |vector: Option<[f64; 3]>| vector.is_some_and(|of| of.iter().any(|value| *value != 0.0));
                     seen.accelerations |= has(imu.linear_acceleration);
                     seen.rates |= has(imu.angular_velocity);
@@ -432,6 +431,28 @@ impl BagContents {
         }
         let option = "--topic, or those of accelerometers and gyroscopes with --topic and --gyroscope-topic";
         choose(&names, topic, option)?.map(TopicChoice::One).ok_or_else(|| self.no_imu())
+    }
+
+    /// The temperatures of a topic for the rows that are chosen.
+    ///
+    /// # Errors
+    /// If neither stamps nor times of recording show which temperature a row has.
+    fn temperatures_of(
+        &mut self,
+        topic: String,
+        chosen: &TopicChoice,
+        time: TimeSource,
+    ) -> Result<Temperatures, String> {
+        let (TopicChoice::One(of_rows) | TopicChoice::Two([of_rows, _])) = chosen;
+        let mut values = self.temperatures.remove(&topic).unwrap_or_default();
+        let joined = match (time, self.imus.get(of_rows)) {
+            (TimeSource::Header, Some(rows)) => rows.times.joined(of_rows, (&topic, values))?,
+            _ => {
+                values.sort_by_key(|value| value.times.log_ns);
+                JoinedTemperatures { values, are_by_recording: true, finding: None }
+            }
+        };
+        Ok(Temperatures { topic: Some(topic), joined, before: 0 })
     }
 
     fn no_imu(&self) -> String {

@@ -78,6 +78,12 @@ impl TemperatureRange {
         }
     }
 
+    /// The temperature of all rows, if they have only one.
+    pub(super) fn only(self) -> Option<f64> {
+        let [low, high] = self.0;
+        (low == high).then_some(low)
+    }
+
     /// The range; `None` without a finite value.
     pub(super) fn range(self) -> Option<[f64; 2]> {
         let [low, high] = self.0;

@@ -449,6 +449,10 @@ impl ForeignRows for TextSource {
         self.accelerometers.are_counts() || self.gyroscopes.as_ref().is_some_and(TextAxes::are_counts)
     }
 
+    fn has_temperature(&self) -> bool {
+        matches!(self.columns.temperature, TextTemperature::Columns(..))
+    }
+
     fn counts_since_the_row_before(&self) -> bool {
         self.kind == Kind::Increment
     }

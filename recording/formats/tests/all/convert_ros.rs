@@ -64,9 +64,14 @@ impl Bag {
     }
 
     pub(crate) fn temperature(&mut self, topic: &str, stamp_ns: u64, celsius: f64) -> &mut Self {
+        self.temperature_at(5, topic, stamp_ns, celsius)
+    }
+
+    /// A temperature that was recorded at this time \[ns\].
+    pub(crate) fn temperature_at(&mut self, log_time: u64, topic: &str, stamp_ns: u64, celsius: f64) -> &mut Self {
         let mut data = Vec::new();
         TemperatureMessage { stamp_ns, frame_id: "t".to_owned(), celsius }.encode(&mut data).unwrap();
-        self.message("sensor_msgs/msg/Temperature", "cdr", topic, &data)
+        self.message_at(log_time, "sensor_msgs/msg/Temperature", "cdr", topic, &data)
     }
 
     pub(crate) fn bytes(mut self) -> Vec<u8> {

@@ -3,6 +3,7 @@
 
 mod continuity;
 mod convert;
+mod convert_clocks;
 mod convert_logs;
 mod convert_logs_damaged;
 mod convert_logs_random;
