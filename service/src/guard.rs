@@ -2,8 +2,9 @@
 //!
 //! The tables are compared by [`TableDifference`]. A new table is compared with the one that was in force last, within
 //! the limits that the configuration gives, or that follow from what that table states of its errors and ranges; and
-//! with an *anchor*, the table of the first start or the last one that was accepted, within three times the limits, so
-//! that many small steps do not add up unseen. Gyroscopes are compared with those of the last table that had any.
+//! with an *anchor*, within three times the limits, so that many small steps do not add up unseen. The anchor is the
+//! table of the first start, the first calibration after a nominal table, or the last table that was accepted.
+//! Gyroscopes are compared with those of the last table that had any.
 //! [`KeptTables`] keeps these tables over a restart, so that a restart installs no table that a reload has refused.
 //!
 //! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
@@ -155,7 +156,7 @@ impl Guard {
             lines.push(format!("and {more} more changes are too large"));
         }
         format!(
-            "{}\nthis is too much for another calibration of the same IMU, compared with the table that was in force last, {from}; correct \
+            "{}\nthis is too much for a calibration of the same IMU, compared with the table that was in force last, {from}; correct \
              the file, bring that table back, or accept this one with the command `reload --imu {imu} --accept {to}`",
             lines.join("\n")
         )
@@ -198,6 +199,8 @@ mod measured_tests;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use isotherm_shared::polynomial::Polynomial;
+    use isotherm_shared::table::{Nominal, nominal_table};
     use std::path::PathBuf;
 
     const TABLE: &str = include_str!("../../tests/data/imu-a.toml");
@@ -278,6 +281,45 @@ mod tests {
         guarded.accept(&raised(910.0));
         guarded.take(&raised(910.0)).unwrap();
         assert_eq!(guarded.guard.anchor().unwrap().0, raised(900.0).digest());
+    }
+
+    #[test]
+    fn the_first_calibration_after_a_nominal_table_is_the_anchor() {
+        let nominal = Nominal::new(ImuId::new("imu-a").unwrap(), 10_000_000, [-40.0, 85.0]);
+        let nominal = Arc::new(nominal_table(&nominal).unwrap());
+        let calibrated = |mg0: f64| {
+            let mut content = nominal.content().clone();
+            content.axes[0].bias = Polynomial::new(&[mg0 * 1e3], 0.0, 1.0, [20.0, 50.0]).unwrap();
+            Arc::new(CoefficientTable::new(content).unwrap().with_provenance())
+        };
+        let mut guarded = GuardedImu::new(KeptTables::default());
+        guarded.take(&nominal).unwrap();
+        let refusal = guarded.take(&calibrated(101.0)).unwrap_err();
+        assert!(refusal.contains("A1 bias changes by 101000 ug0, from 0 to 101000 ug0"), "{refusal}");
+        assert!(guarded.take(&calibrated(60.0)).unwrap().contains("this is the first calibration"));
+        let anchor = |guarded: &GuardedImu| *guarded.guard.anchor().unwrap().0;
+        // From here on it is the reference, and it stays the anchor.
+        for mg0 in [155.0, 250.0, 345.0] {
+            guarded.take(&calibrated(mg0)).unwrap();
+        }
+        assert_eq!(anchor(&guarded), *calibrated(60.0).digest());
+        let refusal = guarded.take(&calibrated(365.0)).unwrap_err();
+        assert!(
+            refusal.contains(&format!("in all steps since the anchor, {}", calibrated(60.0).digest())),
+            "{refusal}"
+        );
+        guarded.take(&nominal).unwrap_err();
+        // The power failed between the two files, and either of them is still the nominal table.
+        for (in_force, kept_anchor) in [
+            (nominal.clone(), calibrated(60.0)),
+            (calibrated(60.0), nominal.clone()),
+            (nominal.clone(), nominal.clone()),
+        ] {
+            let kept = KeptTables { in_force: Some(in_force), anchor: Some(kept_anchor), ..KeptTables::default() };
+            let mut guarded = GuardedImu::new(kept);
+            guarded.take(&calibrated(60.0)).unwrap();
+            assert_eq!(anchor(&guarded), *calibrated(60.0).digest());
+        }
     }
 
     #[test]

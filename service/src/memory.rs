@@ -5,8 +5,11 @@
 //! | name | what |
 //! |---|---|
 //! | `IMU.toml` | the table that was in force last |
-//! | `IMU.anchor.toml` | the anchor: the table of the first start, or the last one that was accepted by its digest |
+//! | `IMU.anchor.toml` | the anchor, with which small steps are compared |
 //! | `IMU.gyroscopes.toml` | the last table with gyroscopes, while the one in force has none |
+//!
+//! The anchor is the table of the first start, the first calibration after a nominal table, or the last table that was
+//! accepted by its digest.
 //!
 //! `configuration.WORD.toml` is the text of the last configuration with which the service has started. The word stands
 //! for the path of its file.
@@ -30,7 +33,7 @@ use std::{env, io};
 pub(crate) struct KeptTables {
     /// The table that was in force last.
     pub in_force: Option<Arc<CoefficientTable>>,
-    /// The table of the first start, or the last one that was accepted.
+    /// The table of the first start, the first calibration after a nominal table, or the last one that was accepted.
     pub anchor: Option<Arc<CoefficientTable>>,
     /// The last table with gyroscopes, if the one in force has none.
     pub gyroscopes: Option<Arc<CoefficientTable>>,
@@ -71,7 +74,8 @@ impl KeptTables {
         digest(&self.in_force) == digest(&self.anchor)
     }
 
-    /// Notes that this table is in force now, and that it is the anchor if it was accepted or there is none.
+    /// Notes that this table is in force now. It becomes the anchor if it was accepted, if there is none, or if it is
+    /// the first calibration after a nominal one.
     pub(crate) fn take(&mut self, table: &Arc<CoefficientTable>, accepted: bool) {
         let has_gyroscopes = |table: &Arc<CoefficientTable>| table.content().gyroscopes.is_some();
         // The same table without its digest is no unsealed table yet, so that none can follow it unnoticed.
@@ -85,7 +89,7 @@ impl KeptTables {
         } else {
             self.gyroscopes = before.filter(has_gyroscopes).or(self.gyroscopes.take());
         }
-        if accepted || self.anchor.is_none() {
+        if accepted || self.anchor.as_ref().is_none_or(|anchor| table.is_first_calibration_after(anchor)) {
             self.anchor = Some(Arc::clone(table));
         }
         self.forgotten = None;

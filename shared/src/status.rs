@@ -264,8 +264,8 @@ pub struct ImuStatus {
     /// Why the table in force cannot be kept; null if it is kept, or a disk takes its time. `NOT KEPT` for people.
     #[serde(default)]
     pub keep_error: Option<String>,
-    /// Digest of the anchor: the table of the first start, or the last one that was accepted. No table may differ from
-    /// it by more than three times its limits. Null without a table.
+    /// Digest of the anchor: the table of the first start, the first calibration after a nominal table, or the last one
+    /// that was accepted. No table may differ from it by more than three times its limits. Null without a table.
     #[serde(default)]
     pub anchor: Option<String>,
     /// The largest change of each curve from the anchor to the table in force.

@@ -30,11 +30,11 @@ pub use trend::{Trend, YEAR_S};
 pub(crate) use curves::common_range;
 use isotherm_fit::TableFile;
 pub(crate) use isotherm_shared::table::difference::points;
+use isotherm_shared::table::difference::scale_multipliers;
 use isotherm_statistics::QUANTITIES;
 use isotherm_support::finding::{Finding, name};
 pub(crate) use table::{Form, FormCurve};
 
-use isotherm_shared::nominal::comparable;
 use isotherm_shared::table::Content;
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::AXES;
@@ -115,7 +115,16 @@ pub fn compare(mut tables: Vec<TableFile>, other_device: bool) -> Result<Compari
         tables.sort_by(|a, b| time(a).total_cmp(&time(b)));
     }
     let convention = Convention::of(&tables);
-    let forms: Vec<_> = tables.iter().map(|table| Form::of(table, convention)).collect();
+    let first = &tables[0].table;
+    let forms = tables.iter().map(|table| {
+        let [of_first, own] = scale_multipliers(first, &table.table).unwrap_or([1.0; 2]);
+        Form::of(table, convention).with_scale_factors_times(own / of_first)
+    });
+    let forms: Vec<_> = forms.collect();
+    // The constants of a nominal table hold at any temperature. It has no date, so of three tables or more none is
+    // nominal.
+    let is_first = tables.last().is_some_and(|last| last.table.is_first_calibration_after(first));
+    let ranged = usize::from(is_first);
     let (Some(old), Some(new)) = (forms.first(), forms.last()) else { return Err(ComparisonError(Vec::new())) };
     // Gyroscopes are compared if all tables have them.
     let sensors = forms.iter().map(|form| form.curves.len()).min().unwrap_or(0);
@@ -131,14 +140,19 @@ pub fn compare(mut tables: Vec<TableFile>, other_device: bool) -> Result<Compari
     for (index, place) in quantities {
         let (kind, axis, quantity) = place;
         let all: Vec<_> = forms.iter().map(|form| &form.curves[index][quantity]).collect();
-        let Some(range) = common_range(all.iter().copied()) else {
+        let Some(range) = common_range(all[ranged..].iter().copied()) else {
             let ranges: Vec<_> = all.iter().map(|curve| format!("{:?}", curve.range())).collect();
             let name = format!("{} {}", kind.names()[axis], QUANTITIES[quantity]);
             return Err(ComparisonError(vec![format!("{name}: no common range, {}", ranges.join(" and "))]));
         };
         // The range of the pair may be wider than that of all.
         let pair = [&old.curves[index][quantity], &new.curves[index][quantity]];
-        curves.push(CurveComparison::of(place, pair, common_range(pair).unwrap_or(range), count));
+        curves.push(CurveComparison::of(
+            place,
+            pair,
+            common_range(pair[ranged..].iter().copied()).unwrap_or(range),
+            count,
+        ));
         if tables.len() > 2 {
             trends.push(Trend::of(place, &all, f64::midpoint(range[0], range[1]), &years));
         }
@@ -169,9 +183,10 @@ fn faults(tables: &[TableFile], other_device: bool) -> Vec<String> {
 
 /// That scale factors are of different nominal intervals, and cannot be alike.
 fn other_interval(tables: &[TableFile]) -> Option<String> {
-    let mut all = tables.iter().filter_map(|table| table.table.content().nominal_interval_s);
-    let first = all.next()?;
-    let other = all.find(|interval| !comparable(Some(first), Some(*interval)))?;
+    let interval = |table: &TableFile| table.table.content().nominal_interval_s;
+    let first = tables.iter().find(|table| interval(table).is_some())?;
+    let other = tables.iter().find(|other| scale_multipliers(&first.table, &other.table).is_none())?;
+    let [first, other] = [interval(first)?, interval(other)?];
     Some(format!("scale factors of {first} s and of {other} s (nominal_interval_s); give tables of one interval"))
 }
 

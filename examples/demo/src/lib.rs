@@ -99,7 +99,7 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let (table, next, log) =
         (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
     let frozen = frozen(truth)?;
-    // Without a provenance it would be no calibration, and the service would ask before it takes one after it.
+    // With a provenance it is a calibration like the next one, and no nominal table.
     let text = format!("{}\n[provenance]\ntool = \"isotherm demo\"\n", frozen.to_toml());
     fs::write(&table, text).and_then(|()| fs::write(&next, truth.to_toml())).map_err(io("writing the tables"))?;
 

@@ -4,6 +4,10 @@
 //! Curves are compared at 41 points of their common range, in units that no table's 1 g0 changes. What a scale factor
 //! changes is relative to its old value, the difference of two biases is in ug0 of 9.80665e-6 m/s2, of two rates in
 //! deg/h.
+//!
+//! The first calibration after a nominal table is compared with less. The constants of a nominal table hold at any
+//! temperature, so that the range of the calibration counts, and what the table says of its own range does not. Its
+//! scale factors are compared as what a pulse stands for, whatever its interval is ([`scale_multipliers`]).
 
 use super::content::{AXIS_NAMES, Axis, Content, GYROSCOPE_NAMES, Gyroscopes, OutOfRange};
 pub use super::curves::{POINTS, QUANTITIES, STANDARD_GRAVITY, UnitCurve, common_range, points, unit, unit_factor};
@@ -119,7 +123,7 @@ pub struct Change {
 }
 
 /// The largest changes that are taken. A limit that is not given follows from what the old table states, and is
-/// [`MaxChange::WIDEST`] at most.
+/// [`MaxChange::WIDEST`] at most, or [`MaxChange::WIDEST_OF_FIRST`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MaxChange {
     /// \[g0\]
@@ -135,6 +139,9 @@ pub struct MaxChange {
 impl MaxChange {
     /// 100 mg0, 10 %, 1 deg/s, 100 mrad: more than any calibration of any IMU changes.
     pub const WIDEST: Self = Self { bias: Some(0.1), scale: Some(0.1), rate: Some(3600.0), alignment: Some(0.1) };
+    /// For the first calibration after a nominal table, which shows the whole zero-rate offset of the gyroscopes: that
+    /// of a consumer MEMS is several deg/s. 10 deg/s is the most that a table may have.
+    pub const WIDEST_OF_FIRST: Self = Self { rate: Some(36_000.0), ..Self::WIDEST };
 
     /// A limit in its own unit, if it is given.
     const fn given(&self, limit: Limit) -> Option<f64> {
@@ -147,7 +154,7 @@ impl MaxChange {
     }
 
     /// The largest size of a change, in its unit, and what is said of it.
-    fn of(&self, change: &Change, factor: f64) -> (f64, String) {
+    fn of(&self, change: &Change, factor: f64, widest: &Self) -> (f64, String) {
         let (to_unit, shown, shown_unit) = match change.limit {
             Limit::Bias => (1e6, 1e3, "mg0"),
             Limit::Scale => (1e6, 1e2, "%"),
@@ -157,7 +164,7 @@ impl MaxChange {
         let (key, unit) = (change.limit.name(), change.unit);
         let given = self.given(change.limit);
         // Each limit has a widest value.
-        let most = given.or(Self::WIDEST.given(change.limit)).unwrap_or(0.0);
+        let most = given.or(widest.given(change.limit)).unwrap_or(0.0);
         match change.stated.filter(|stated| given.is_none() && *stated < most * to_unit) {
             Some(stated) => {
                 let stated = stated * factor;
@@ -179,8 +186,9 @@ impl MaxChange {
     /// times.
     #[must_use]
     pub fn refusals(&self, difference: &TableDifference, factor: f64) -> Vec<String> {
+        let widest = if difference.is_first { Self::WIDEST_OF_FIRST } else { Self::WIDEST };
         let beyond = difference.changes.iter().filter_map(|change| {
-            let (most, words) = self.of(change, factor);
+            let (most, words) = self.of(change, factor, &widest);
             // NaN is beyond.
             let within = change.size <= most;
             let Change { name, size, unit, values, .. } = change;
@@ -190,18 +198,45 @@ impl MaxChange {
     }
 }
 
+/// What the scale factors of two tables of one IMU are multiplied with before they are compared: usually 1. `None` if
+/// they cannot be compared, because they are of different nominal intervals.
+///
+/// The first calibration after a nominal table may be of another interval T than that table, because each follows from
+/// what made its pulses. Then K T is compared, which is 1 g0 or 1 arcsec/s over what a pulse stands for. If a table has
+/// no nominal interval, a pulse is a count of the device, and K itself is compared.
+#[must_use]
+pub fn scale_multipliers(old: &CoefficientTable, new: &CoefficientTable) -> Option<[f64; 2]> {
+    match [old, new].map(|table| table.content().nominal_interval_s) {
+        [Some(from), Some(to)] if new.is_first_calibration_after(old) => Some([from, to]),
+        [from, to] => comparable(from, to).then_some([1.0; 2]),
+    }
+}
+
+/// By what two tables are compared.
+struct Terms<'t> {
+    /// What the old table states about the limits.
+    stated: StatedLimits<'t>,
+    /// Whether the new table is the first calibration after a nominal table.
+    is_first: bool,
+    /// Of the scale factors, see [`scale_multipliers`].
+    multipliers: [f64; 2],
+}
+
 /// What changes from one table to another.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TableDifference {
     /// The largest change of everything that both tables have.
     pub changes: Vec<Change>,
     /// What cannot be compared, whatever its size: another unit of the temperature, scale factors of another interval,
-    /// too little of a range in common, gyroscopes that only one table has, a calibration and none
-    /// ([`CoefficientTable::is_nominal`]), a policy that begins or ends to reject, another serial number with other
-    /// curves, a table without a digest after one that had it.
+    /// too little of a range in common, gyroscopes that only one table has, no calibration
+    /// ([`CoefficientTable::is_nominal`]) after one, a policy that begins or ends to reject, another serial number with
+    /// other curves, a table without a digest after one that had it. After a nominal table the interval, the range, the
+    /// policy and a serial number that only the calibration has are not among them.
     pub incomparable: Vec<String>,
     /// All else that changes, in words.
     pub others: Vec<String>,
+    /// Whether the new table is the first calibration after a nominal table.
+    pub is_first: bool,
 }
 
 /// `A1 bias changes by 12.3 ug0, A1 positive_scale_factor by 45.6 ppm, ..; besides: lag none -> 240`
@@ -222,11 +257,16 @@ impl TableDifference {
     /// From `old` to `new`.
     #[must_use]
     pub fn of(old: &CoefficientTable, new: &CoefficientTable) -> Self {
-        let nominal = [old, new].map(CoefficientTable::is_nominal);
-        let stated = StatedLimits::of(old, new);
+        let is_first = new.is_first_calibration_after(old);
+        let loses_kind = new.is_nominal() && !old.is_nominal();
         let loses_seal = old.is_sealed() && !new.is_sealed();
+        let multipliers = scale_multipliers(old, new);
+        let stated = StatedLimits::of(old, new);
         let (old, new) = (old.content(), new.content());
-        let mut found = Self { others: others(old, new), ..Self::default() };
+        let mut found = Self { others: others(old, new), is_first, ..Self::default() };
+        if is_first {
+            found.others.insert(0, "this is the first calibration after a nominal table".to_owned());
+        }
         if old.imu != new.imu {
             found.incomparable.push(format!("imu.id: the table before is of {}, this one of {}", old.imu, new.imu));
             return found;
@@ -236,23 +276,25 @@ impl TableDifference {
             found.incomparable.push(format!("temperature.unit: the temperature was in {from:?}, now it is in {to:?}"));
             return found;
         }
-        if !comparable(old.nominal_interval_s, new.nominal_interval_s) {
+        let Some(multipliers) = multipliers else {
             let [from, to] = [old, new].map(|content| content.nominal_interval_s.unwrap_or_default());
             let text = format!("imu.nominal_interval_s: the scale factors were of {from} s, now they are of {to} s");
             found.incomparable.push(text);
             return found;
-        }
-        if nominal[0] != nominal[1] {
-            let [from, to] = nominal.map(|nominal| if nominal { "no calibration" } else { "a calibration" });
-            let text = format!(
-                "the table before is {from} and this one is {to}: no calibration has constant curves and no [provenance]"
-            );
-            found.incomparable.push(text);
+        };
+        if loses_kind {
+            let text = "the table before is a calibration and this one is no calibration: it has constant curves and no [provenance]";
+            found.incomparable.push(text.to_owned());
             return found;
         }
-        found.compare(old, new, &stated);
-        found.policy([old.out_of_range, new.out_of_range]);
-        found.serial([&old.serial, &new.serial]);
+        found.compare(old, new, &Terms { stated, is_first, multipliers });
+        if !is_first {
+            found.policy([old.out_of_range, new.out_of_range]);
+        }
+        // A nominal table need not say which unit it is for.
+        if !is_first || old.serial.is_some() {
+            found.serial([&old.serial, &new.serial]);
+        }
         if loses_seal {
             let text = "digest: the table before is sealed and this one is not, so it may be a part of a file; seal it with `check --seal`";
             found.incomparable.push(text.to_owned());
@@ -261,11 +303,11 @@ impl TableDifference {
     }
 
     /// Compares all curves and alignments that both tables have.
-    fn compare(&mut self, old: &Content, new: &Content, stated: &StatedLimits<'_>) {
-        self.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)], stated);
-        self.matrix(SensorKind::Accelerometer, [old.alignment, new.alignment], stated);
+    fn compare(&mut self, old: &Content, new: &Content, terms: &Terms<'_>) {
+        self.sensors(SensorKind::Accelerometer, [(&old.axes, old.gravity), (&new.axes, new.gravity)], terms);
+        self.matrix(SensorKind::Accelerometer, [old.alignment, new.alignment], &terms.stated);
         let incomparable = match (&old.gyroscopes, &new.gyroscopes) {
-            (Some(from), Some(to)) => return self.gyroscopes([(from, old.gravity), (to, new.gravity)], stated),
+            (Some(from), Some(to)) => return self.gyroscopes([(from, old.gravity), (to, new.gravity)], terms),
             (Some(_), None) => "the table before has gyroscopes, and this one has none",
             (None, Some(_)) => "this table has gyroscopes, and the one before has none",
             (None, None) => return,
@@ -277,27 +319,27 @@ impl TableDifference {
     /// temperature; otherwise nothing.
     #[must_use]
     pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
-        let stated = StatedLimits::of(old, new);
+        let terms = Terms {
+            stated: StatedLimits::of(old, new),
+            is_first: new.is_first_calibration_after(old),
+            multipliers: scale_multipliers(old, new).unwrap_or([1.0; 2]),
+        };
         let (old, new) = (old.content(), new.content());
         let mut found = Self::default();
         if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes)
             && old.temperature_unit == new.temperature_unit
         {
-            found.gyroscopes([(from, old.gravity), (to, new.gravity)], &stated);
+            found.gyroscopes([(from, old.gravity), (to, new.gravity)], &terms);
         }
         found
     }
 
-    fn gyroscopes(
-        &mut self,
-        [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2],
-        stated: &StatedLimits<'_>,
-    ) {
-        self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)], stated);
+    fn gyroscopes(&mut self, [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2], terms: &Terms<'_>) {
+        self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)], terms);
         for (axis, pair) in from.g_sensitivity.iter().zip(&to.g_sensitivity).enumerate() {
-            self.g_sensitivity(axis, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()], stated);
+            self.g_sensitivity(axis, [pair.0.unwrap_or_default(), pair.1.unwrap_or_default()], &terms.stated);
         }
-        self.matrix(SensorKind::Gyroscope, [from.alignment, to.alignment], stated);
+        self.matrix(SensorKind::Gyroscope, [from.alignment, to.alignment], &terms.stated);
     }
 
     /// A policy that begins or ends to reject decides whether there are increments at all.
@@ -327,26 +369,30 @@ impl TableDifference {
         &mut self,
         kind: SensorKind,
         [(old, old_gravity), (new, new_gravity)]: [(&[Axis; AXES], f64); 2],
-        stated: &StatedLimits<'_>,
+        terms: &Terms<'_>,
     ) {
         for (axis, (from, to)) in old.iter().zip(new).enumerate() {
             let curves = [UnitCurve::of_sensor(kind, from, old_gravity), UnitCurve::of_sensor(kind, to, new_gravity)];
             for (quantity, (from, to)) in curves[0].iter().zip(&curves[1]).enumerate() {
-                self.curve((kind, axis, quantity), [from, to], stated);
+                self.curve((kind, axis, quantity), [from, to], terms);
             }
-            self.transient((kind, axis), [from, to], [curves[0][0].factor(), curves[1][0].factor()], stated);
+            self.transient((kind, axis), [from, to], [curves[0][0].factor(), curves[1][0].factor()], &terms.stated);
         }
     }
 
-    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&UnitCurve; 2], stated: &StatedLimits<'_>) {
+    fn curve(&mut self, place: (SensorKind, usize, usize), pair: [&UnitCurve; 2], terms: &Terms<'_>) {
         let (kind, axis, quantity) = place;
         let name = format!("{} {}", kind.names()[axis], QUANTITIES[quantity]);
         let [old, new] = pair.map(|curve| curve.polynomial().range());
         let width = |[low, high]: [f64; 2]| high - low;
-        let Some(range) = common_range(pair).filter(|range| width(*range) >= width(old) / 2.0) else {
+        let common = || common_range(pair).filter(|range| width(*range) >= width(old) / 2.0);
+        let Some(range) = (if terms.is_first { Some(new) } else { common() }) else {
             let text = format!("{name}: its range {new:?} has less than half of the range before, {old:?}, in common");
             return self.incomparable.push(text);
         };
+        let multipliers = if quantity == 0 { [1.0; 2] } else { terms.multipliers };
+        let scaled = [0, 1].map(|table| pair[table].times(multipliers[table]));
+        let pair = scaled.each_ref();
         let difference = CurveDifference::of(place, pair, range);
         let (size, temperature) = difference.largest();
         // Biases in the unit of their difference, since tables may have several; scale factors have one unit.
@@ -354,7 +400,11 @@ impl TableDifference {
             0 => (&|curve: &UnitCurve| curve.at(temperature) * unit_factor(kind, 0, 1.0), difference.unit),
             _ => (&|curve: &UnitCurve| curve.polynomial().at(temperature), kind.scale_factor_unit()),
         };
-        let values = pair.map(|curve| rounded(value(curve)));
+        // As they are in the files: with the intervals, if those differ too.
+        let has_other_interval = (multipliers[1] - multipliers[0]).abs() > 0.0;
+        let interval = |seconds: f64| has_other_interval.then(|| format!(" (nominal_interval_s {seconds})"));
+        let written = |table: usize| rounded(value(pair[table])) + &interval(multipliers[table]).unwrap_or_default();
+        let values = [0, 1].map(written);
         let limit = match (kind, quantity) {
             (SensorKind::Accelerometer, 0) => Limit::Bias,
             (SensorKind::Gyroscope, 0) => Limit::Rate,
@@ -362,7 +412,7 @@ impl TableDifference {
         };
         let values = format!("from {} to {} {of_values} at {}", values[0], values[1], rounded(temperature));
         let middle = pair[0].at(f64::midpoint(old[0], old[1]));
-        let stated = stated.curve(place, pair[0].factor() * unit_factor(kind, quantity, middle));
+        let stated = terms.stated.curve(place, pair[0].factor() * unit_factor(kind, quantity, middle));
         self.changes.push(Change { name, limit, size, unit: difference.unit, values, stated });
     }
 

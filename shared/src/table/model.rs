@@ -165,6 +165,12 @@ impl CoefficientTable {
         !self.has_provenance && content.axes.iter().chain(gyroscopes).all(is_constant)
     }
 
+    /// Whether this is a calibration and the table `before` is none: the first calibration of the IMU.
+    #[must_use]
+    pub fn is_first_calibration_after(&self, before: &Self) -> bool {
+        before.is_nominal() && !self.is_nominal()
+    }
+
     /// The table as the kernel reads it.
     #[inline(always)]
     pub(crate) const fn kernel(&self) -> &Kernel {

@@ -1,7 +1,9 @@
 //! The plain difference of two tables, and the limits of what a service takes.
 
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::difference::{MaxChange, POINTS, TableDifference};
+use isotherm_shared::table::{CoefficientTable, Content, Nominal, OutOfRange, nominal_content};
+use nalgebra::Matrix3;
 use proptest::prelude::*;
 
 const TABLE: &str = include_str!("../../../tests/data/imu-a.toml");
@@ -115,12 +117,182 @@ fn what_no_limit_can_measure_is_refused() {
     assert_eq!(refused(TABLE, &policy("reject")), ["temperature.out_of_range: it was \"clamp\", now it is \"reject\""]);
     assert_eq!(refused(&policy("reject"), &policy("extrapolate")).len(), 1);
     assert!(refused(TABLE, &policy("extrapolate")).is_empty());
-    // No calibration in between walks round the limits.
+    // No nominal table in between walks round the limits.
     assert!(table(&nominal()).is_nominal());
-    for (old, new) in [(TABLE, &*nominal()), (&*nominal(), TABLE)] {
-        assert!(refused(old, new)[0].contains("no calibration"), "{:?}", refused(old, new));
-    }
+    assert!(refused(TABLE, &nominal())[0].contains("a calibration and this one is no calibration"));
     assert!(refused(&nominal(), &nominal().replace("91733.0", "9173.0"))[0].starts_with("A1 positive_scale_factor"));
+}
+
+/// The content of the nominal table of readings at 100 Hz.
+fn of_readings() -> Content {
+    nominal_content(&Nominal::new("imu-a".parse().unwrap(), 10_000_000, [-40.0, 85.0])).unwrap()
+}
+
+/// The same over 30 K of a warm-up, with bias curves of 40 mg0 and 0.5 deg/s.
+fn warmed_up() -> Content {
+    let mut content = of_readings();
+    let curve = |coefficients: &[f64]| Polynomial::new(coefficients, 40.0, 15.0, [25.0, 55.0]).unwrap();
+    for axis in &mut content.axes {
+        axis.bias = curve(&[30e3, 10e3]);
+    }
+    for axis in &mut content.gyroscopes.as_mut().unwrap().axes {
+        axis.bias = curve(&[1500.0, 300.0]);
+    }
+    scaled(content, 1.0)
+}
+
+/// The content with all scale factors over the range of a warm-up, times a number.
+fn scaled(mut content: Content, factor: f64) -> Content {
+    let gyroscopes = content.gyroscopes.iter_mut().flat_map(|gyroscopes| &mut gyroscopes.axes);
+    for axis in content.axes.iter_mut().chain(gyroscopes) {
+        for curve in [&mut axis.positive_scale_factor, &mut axis.negative_scale_factor] {
+            let scale_factor = curve.coefficients()[0] * factor;
+            *curve = Polynomial::new(&[scale_factor], 0.0, 1.0, [25.0, 55.0]).unwrap();
+        }
+    }
+    content
+}
+
+/// Why a table of one content may not follow that of another; the second one is of a calibration.
+fn refusals_of_first([nominal, mut calibrated]: [Content; 2]) -> Vec<String> {
+    calibrated.format = calibrated.least_format();
+    let nominal = CoefficientTable::new(nominal).unwrap();
+    let calibrated = CoefficientTable::new(calibrated).unwrap().with_provenance();
+    assert!(calibrated.is_first_calibration_after(&nominal) && !nominal.is_first_calibration_after(&calibrated));
+    MaxChange::default().refusals(&TableDifference::of(&nominal, &calibrated), 1.0)
+}
+
+/// What a first calibration has that a nominal table has not, all of it ordinary.
+fn ordinary() -> [fn(&mut Content); 8] {
+    [
+        |_| {},
+        |content| content.serial = Some("17".to_owned()),
+        // Of counts, or of a program that does not write it.
+        |content| content.nominal_interval_s = None,
+        // The same resolution, at 200 Hz.
+        |content| {
+            *content = scaled(content.clone(), 2.0);
+            content.nominal_interval_s = Some(0.005);
+        },
+        |content| content.out_of_range = OutOfRange::Reject,
+        |content| content.max_age_s = Some(5.0),
+        |content| {
+            content.lag_s = Some(60.0);
+            content.axes[0].transient = 200.0;
+            content.gyroscopes.as_mut().unwrap().axes[2].transient = 20.0;
+        },
+        |content| {
+            content.axes[1].max_rate = Some(4e9);
+            let gyroscopes = content.gyroscopes.as_mut().unwrap();
+            gyroscopes.g_sensitivity[0] = Some([30.0, -20.0, 10.0]);
+            let misaligned = Matrix3::new(1.0, 0.02, -0.01, -0.015, 1.0, 0.025, 0.01, -0.03, 1.0);
+            (content.alignment, gyroscopes.alignment) = (Some(misaligned), Some(misaligned));
+        },
+    ]
+}
+
+#[test]
+fn a_nominal_table_is_followed_by_its_first_calibration() {
+    let mut all = warmed_up();
+    for change in ordinary() {
+        let mut calibrated = warmed_up();
+        change(&mut calibrated);
+        assert_eq!(refusals_of_first([of_readings(), calibrated]), [""; 0]);
+        change(&mut all);
+    }
+    assert_eq!(refusals_of_first([of_readings(), all.clone()]), [""; 0]);
+    // Sealed or not, as long as no seal is lost.
+    let tables = [of_readings(), all].map(|content| CoefficientTable::new(content).unwrap().to_toml());
+    let unsealed = |text: &str| text.lines().filter(|line| !line.starts_with("digest")).collect::<Vec<_>>().join("\n");
+    for (old, new, count) in [
+        (tables[0].clone(), tables[1].clone(), 0),
+        (unsealed(&tables[0]), tables[1].clone(), 0),
+        (unsealed(&tables[0]), unsealed(&tables[1]), 0),
+        (tables[0].clone(), unsealed(&tables[1]), 1),
+    ] {
+        assert_eq!(refused(&old, &new).len(), count, "{:?}", refused(&old, &new));
+    }
+    // A range that the nominal table does not have is judged all the same.
+    let mut elsewhere = of_readings();
+    elsewhere.axes[0].bias = Polynomial::new(&[0.0], 0.0, 1.0, [-40.0, 20.0]).unwrap();
+    assert_eq!(refusals_of_first([elsewhere.clone(), warmed_up()]), [""; 0]);
+    let mut beyond = warmed_up();
+    beyond.axes[0].bias = Polynomial::new(&[0.0, 8e3], 25.0, 1.0, [25.0, 55.0]).unwrap();
+    let words = refusals_of_first([elsewhere, beyond]);
+    assert!(
+        words.len() == 1 && words[0].starts_with("A1 bias changes by 240000 ug0, from 0 to 240000 ug0 at 55"),
+        "{words:?}"
+    );
+}
+
+#[test]
+fn a_first_calibration_of_another_unit_or_quantum_is_refused_with_both_numbers() {
+    let refused = |change: fn(&mut Content)| {
+        let mut calibrated = warmed_up();
+        change(&mut calibrated);
+        refusals_of_first([of_readings(), calibrated])
+    };
+    let constant = |value: f64| Polynomial::new(&[value], 0.0, 1.0, [25.0, 55.0]).unwrap();
+    // Biases beyond the limits.
+    let mut calibrated = warmed_up();
+    calibrated.axes[2].bias = constant(150e3);
+    calibrated.gyroscopes.as_mut().unwrap().axes[0].bias = constant(-5000.0);
+    let words = refusals_of_first([of_readings(), calibrated]);
+    assert_eq!(
+        words,
+        [
+            "A3 bias changes by 150000 ug0, from 0 to 150000 ug0 at 25; at most 100 mg0 is taken (max_change.bias)",
+            "G1 bias changes by 5000 deg/h, from 0 to -5000 deg/h at 25; at most 3600 deg/h is taken (max_change.rate)"
+        ]
+    );
+    // The interval without its scale factors, and the scale factors without their interval, are a factor 2. Readings in
+    // g and in degrees, and another unit of the sensor, change only the scale factors.
+    let halved = refused(|content| content.nominal_interval_s = Some(0.005));
+    let values = "A1 positive_scale_factor changes by 500000 ppm, from 980665000 (nominal_interval_s 0.01) to 980665000 (nominal_interval_s 0.005) pulse/(s*g0) at 25; at most 10 %";
+    assert!(halved.len() == 12 && halved[0].starts_with(values), "{halved:?}");
+    let doubled = refused(|content| *content = scaled(content.clone(), 2.0));
+    let values = "A1 positive_scale_factor changes by 1000000 ppm, from 980665000 to 1961330000 pulse/(s*g0) at 25";
+    assert!(doubled.len() == 12 && doubled[0].starts_with(values), "{doubled:?}");
+    for change in [
+        |content: &mut Content| *content = scaled(content.clone(), 1.0 / 9.80665),
+        |content: &mut Content| *content = scaled(content.clone(), 180.0 / std::f64::consts::PI),
+        |content: &mut Content| *content = scaled(content.clone(), 1.12),
+        |content: &mut Content| {
+            // Without an interval, K itself counts.
+            *content = scaled(content.clone(), 2.0);
+            content.nominal_interval_s = None;
+        },
+    ] {
+        assert_eq!(refused(change).len(), 12);
+    }
+    assert!(refused(|content| content.temperature_unit = "K".to_owned())[0].starts_with("temperature.unit"));
+    assert_eq!(
+        refused(|content| content.gyroscopes = None),
+        ["the table before has gyroscopes, and this one has none"]
+    );
+    assert!(refused(|content| content.alignment = Some(Matrix3::identity() * 1.2))[0].starts_with("alignment changes"));
+    assert!(
+        refused(|content| {
+            content.lag_s = Some(60.0);
+            content.axes[0].transient = 4000.0;
+        })[0]
+            .starts_with("A1 transient changes by 120000 ug0")
+    );
+    // Two serial numbers that are both there.
+    let of_unit = |mut content: Content, serial: &str| {
+        content.serial = Some(serial.to_owned());
+        content
+    };
+    assert_eq!(refusals_of_first([of_unit(of_readings(), "17"), of_unit(warmed_up(), "17")]), [""; 0]);
+    assert_eq!(refusals_of_first([of_unit(of_readings(), "17"), warmed_up()]), [""; 0]);
+    let words = refusals_of_first([of_unit(of_readings(), "17"), of_unit(warmed_up(), "18")]);
+    assert_eq!(words, ["imu.serial: it was \"17\", now it is \"18\", and the curves change too"]);
+    // Nor is a nominal table of another interval a first calibration.
+    let [one, mut other] = [of_readings(), scaled(of_readings(), 2.0)];
+    other.nominal_interval_s = Some(0.005);
+    let [one, other] = [one, other].map(|content| CoefficientTable::new(content).unwrap());
+    let words = MaxChange::default().refusals(&TableDifference::of(&one, &other), 1.0);
+    assert_eq!(words, ["imu.nominal_interval_s: the scale factors were of 0.01 s, now they are of 0.005 s"]);
 }
 
 #[test]

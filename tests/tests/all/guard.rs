@@ -1,5 +1,7 @@
 //! A table that changes too much does not go into force: not by a reload, not by a restart, only by its digest.
 
+use isotherm_shared::polynomial::Polynomial;
+use isotherm_shared::table::{CoefficientTable, Content};
 use isotherm_shared::wire::Flags;
 use isotherm_tests::{
     Needs, Process, TABLE, TestDomain, WHOLE_TABLE, recording, round_trip, skip, table, text, variant, wait_until,
@@ -7,6 +9,7 @@ use isotherm_tests::{
 use rustix::process::Signal;
 use std::fs;
 use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::path::PathBuf;
 use std::process::Command;
 
 const NOBODY: u32 = 65_534;
@@ -600,8 +603,195 @@ fn limits_are_those_of_the_configuration_and_of_each_imu() {
     service.terminate();
 }
 
+/// The heating of a real IMU, as ArduPilot logs it.
+const HEATING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../recording/formats/tests/data/autopilots/heating.BIN");
+
+/// A nominal table from -40 to 85 degC with twice the interval of the log, and the first calibration that `calibrate`
+/// makes of the log: their texts.
+fn nominal_and_first(domain: &TestDomain) -> [String; 2] {
+    domain.run_ok(&["convert", HEATING, "--imu", "imu-a", "-o", "rows.csv", "--nominal", "nominal.toml"]);
+    domain.run_ok(&["calibrate", "warm-up", HEATING, "--imu", "imu-a", "-o", "first.toml"]);
+    let [nominal, first] = ["nominal.toml", "first.toml"].map(|name| fs::read_to_string(domain.path(name)).unwrap());
+    let mut content = table(&nominal).content().clone();
+    content.nominal_interval_s = content.nominal_interval_s.map(|interval| 2.0 * interval);
+    let gyroscopes = content.gyroscopes.as_mut().unwrap();
+    for axis in content.axes.iter_mut().chain(&mut gyroscopes.axes) {
+        let wide = |curve: &Polynomial, factor: f64| {
+            Polynomial::new(&[curve.coefficients()[0] * factor], 0.0, 1.0, [-40.0, 85.0]).unwrap()
+        };
+        axis.bias = wide(&axis.bias, 1.0);
+        axis.positive_scale_factor = wide(&axis.positive_scale_factor, 0.5);
+        axis.negative_scale_factor = wide(&axis.negative_scale_factor, 0.5);
+    }
+    [CoefficientTable::new(content).unwrap().to_toml(), first]
+}
+
+/// The text of a sealed table with another content, and with the provenance that it has.
+fn changed(text: &str, change: impl FnOnce(&mut Content)) -> String {
+    let mut content = table(text).content().clone();
+    change(&mut content);
+    let provenance = text.find("[provenance]").map_or("", |at| &text[at..]);
+    format!("{}\n{provenance}", CoefficientTable::new(content).unwrap().to_toml())
+}
+
+/// Writes a configuration with this `at_start` and more lines of `[reload]`, and returns its name.
+fn config(domain: &TestDomain, at_start: &str, more: &str) -> String {
+    let name = format!("{at_start}.toml");
+    let reload = format!("[reload]\nat_start = \"{at_start}\"\n{more}");
+    domain.write(&name, &format!("{reload}[[imu]]\nid = \"imu-a\"\ntable = \"imu-a.toml\"\n"));
+    name
+}
+
+/// A kept table of imu-a in the state folder, by its ending.
+fn kept_file(domain: &TestDomain, ending: &str) -> PathBuf {
+    domain.path(".state").join(domain.client_domain().name()).join(format!("imu-a.{ending}"))
+}
+
 #[test]
-fn a_calibration_after_none_needs_an_acceptance_and_so_does_the_way_back() {
+fn the_first_calibration_follows_a_nominal_table_and_becomes_the_anchor() {
+    let domain = TestDomain::new();
+    let [nominal, first] = nominal_and_first(&domain);
+    domain.write("imu-a.toml", &nominal);
+    let config = config(&domain, "keep", "");
+    let service = domain.serve(&["--config", &config]);
+    wait_until_kept(&domain);
+    // These gyroscopes are off by up to 4.4 deg/s.
+    domain.run_ok(&["check", "--against", "imu-a.toml", "first.toml"]);
+    domain.replace("imu-a.toml", &first);
+    wait_until("the first calibration", || in_force(&domain) == digest(&first));
+    let status = domain.imu_status();
+    assert_eq!((&status["anchor"], &status["last_reload_error"]), (&digest(&first).into(), &serde_json::Value::Null));
+    assert!(service.log().contains("this is the first calibration after a nominal table"), "{}", service.log());
+    wait_until_kept(&domain);
+    assert_eq!(digest(&fs::read_to_string(kept_file(&domain, "anchor.toml")).unwrap()), digest(&first));
+
+    // There is no way back, and what follows is compared with the calibration.
+    let reason = refuse(&domain, &service, &nominal);
+    assert!(reason.contains("imu.nominal_interval_s: "), "{reason}");
+    let of_one_interval = changed(&first, |content| {
+        let gyroscopes = content.gyroscopes.as_mut().unwrap();
+        for axis in content.axes.iter_mut().chain(&mut gyroscopes.axes) {
+            axis.bias = Polynomial::new(&[0.0], 0.0, 1.0, axis.bias.range()).unwrap();
+        }
+    });
+    let of_one_interval = of_one_interval.split("[provenance]").next().unwrap();
+    let reason = refuse(&domain, &service, of_one_interval);
+    assert!(reason.contains("the table before is a calibration and this one is no calibration"), "{reason}");
+    let far = changed(&first, |content| {
+        let bias = &content.axes[0].bias;
+        let mut coefficients = bias.coefficients().to_vec();
+        coefficients[0] += 0.15 * 9.80665 / content.axes[0].bias_unit.factor() / content.gravity;
+        content.axes[0].bias = Polynomial::new(&coefficients, bias.center(), bias.scale(), bias.range()).unwrap();
+    });
+    let reason = refuse(&domain, &service, &far);
+    assert!(reason.contains("A1 bias changes by 150000 ug0"), "{reason}");
+    assert!(reason.contains(&format!("in force last, {}", digest(&first))), "{reason}");
+
+    // So it is over a restart.
+    service.kill();
+    domain.replace("imu-a.toml", &first);
+    let service = domain.serve(&["--config", &config]);
+    assert!(service.log().contains("table loaded: the same as before"), "{}", service.log());
+    let status = domain.imu_status();
+    assert_eq!((in_force(&domain), &status["anchor"]), (digest(&first), &digest(&first).into()));
+    let reason = refuse(&domain, &service, &far);
+    assert!(reason.contains(&format!("in force last, {}", digest(&first))), "{reason}");
+    service.terminate();
+}
+
+#[test]
+fn a_first_calibration_that_was_installed_while_no_service_ran_is_taken_at_the_start() {
+    let domain = TestDomain::new();
+    let [nominal, first] = nominal_and_first(&domain);
+    let config = config(&domain, "exit", "");
+    let kept = ["toml", "anchor.toml"].map(|ending| kept_file(&domain, ending));
+    // The state folder has the nominal table in force and as the anchor, or only as one of them.
+    for lost in [None, Some(&kept[0]), Some(&kept[1])] {
+        domain.write("imu-a.toml", &nominal);
+        let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+        wait_until_kept(&domain);
+        service.terminate();
+        if let Some(lost) = lost {
+            fs::remove_file(lost).unwrap();
+            domain.run_ok(&["clean"]);
+        }
+        domain.replace("imu-a.toml", &first);
+        let service = domain.serve(&["--config", &config]);
+        assert_eq!((in_force(&domain), &domain.imu_status()["anchor"]), (digest(&first), &digest(&first).into()));
+        wait_until_kept(&domain);
+        service.terminate();
+        for path in &kept {
+            assert_eq!(digest(&fs::read_to_string(path).unwrap()), digest(&first));
+        }
+        // At the next start it is no first calibration any more.
+        domain.replace("imu-a.toml", &nominal);
+        assert!(refused_start(&domain).contains("imu.nominal_interval_s: "));
+        fs::remove_dir_all(domain.path(".state")).unwrap();
+        domain.run_ok(&["clean"]);
+    }
+}
+
+#[test]
+fn a_first_calibration_of_another_unit_is_refused_while_running_and_at_the_start() {
+    let domain = TestDomain::new();
+    let [nominal, first] = nominal_and_first(&domain);
+    let nominal = changed(&nominal, |content| content.serial = Some("17".to_owned()));
+    domain.write("imu-a.toml", &nominal);
+    let config = config(&domain, "keep", "max_change = { rate = \"5deg/s\" }\n");
+    let service = domain.serve(&["--config", &config]);
+    wait_until_kept(&domain);
+    let constant = |curve: &Polynomial, value: f64| Polynomial::new(&[value], 0.0, 1.0, curve.range()).unwrap();
+    // The quantum is twice the other one: the interval was changed, and the scale factors stayed.
+    let halved = changed(&first, |content| {
+        content.nominal_interval_s = content.nominal_interval_s.map(|interval| interval / 2.0);
+    });
+    let biased = changed(&first, |content| {
+        let axes = &mut content.gyroscopes.as_mut().unwrap().axes;
+        let factor = axes[1].bias_unit.factor();
+        axes[1].bias = constant(&axes[1].bias, 32_400.0 / factor);
+    });
+    let other = changed(&first, |content| content.serial = Some("18".to_owned()));
+    for (wrong, parts) in [
+        (
+            &halved,
+            [
+                "A1 positive_scale_factor changes by 500000 ppm",
+                "(nominal_interval_s 0.2) to ",
+                "(nominal_interval_s 0.05)",
+            ],
+        ),
+        (
+            &biased,
+            [
+                "G2 bias changes by 32400 deg/h, from 0 to 32400 deg/h",
+                "at most 18000 deg/h is taken",
+                "max_change.rate",
+            ],
+        ),
+        (&other, ["imu.serial: it was \"17\", now it is \"18\"", "the curves change too", "in force last"]),
+    ] {
+        let reason = refuse(&domain, &service, wrong);
+        let remedy = format!("`reload --imu imu-a --accept {}`", digest(wrong));
+        for part in parts.into_iter().chain([&*remedy]) {
+            assert!(reason.contains(part), "no {part:?} in {reason}");
+        }
+        assert_eq!(in_force(&domain), digest(&nominal));
+    }
+    service.terminate();
+    for wrong in [&halved, &biased, &other] {
+        domain.replace("imu-a.toml", wrong);
+        assert!(refused_start(&domain).contains(&format!("--accept {}", digest(wrong))));
+    }
+    let service = domain.serve(&["--config", &config]);
+    assert_eq!(in_force(&domain), digest(&nominal));
+    // The right one is still taken.
+    domain.replace("imu-a.toml", &first);
+    wait_until("the first calibration", || in_force(&domain) == digest(&first));
+    service.terminate();
+}
+
+#[test]
+fn a_calibration_that_is_far_from_a_nominal_table_needs_an_acceptance_and_so_does_the_way_back() {
     let domain = TestDomain::new();
     let constant = |line: &str| match line.find(", c1 = ") {
         Some(end) => format!("{} }}\n", &line[..end]),
@@ -617,9 +807,9 @@ fn a_calibration_after_none_needs_an_acceptance_and_so_does_the_way_back() {
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     assert!(service.log().contains("K+ and K- of A1 differ by more than a factor 2"), "{}", service.log());
     let reason = refuse(&domain, &service, TABLE);
-    assert!(reason.contains("the table before is no calibration and this one is a calibration"), "{reason}");
+    assert!(reason.contains("A1 positive_scale_factor changes by 10"), "{reason}");
     reload(&domain, "isotherm", &digest(TABLE), 0);
-    // Nor is there a way round the limits through a table that is none.
+    // Nor is there a way round the limits through a nominal table.
     let reason = refuse(&domain, &service, &nominal);
     assert!(reason.contains("the table before is a calibration and this one is no calibration"), "{reason}");
     // With a provenance constant curves are a calibration, and stay one over a restart.
@@ -745,13 +935,13 @@ fn check_compares_with_a_table_as_the_service_does() {
     let output = domain.run(&["check", "--seal", "--against", "old.toml", "bad.toml"]);
     assert_eq!(output.status.code(), Some(78));
     assert_eq!(fs::read_to_string(domain.path("bad.toml")).unwrap(), lost_digit());
-    // A table that is no calibration is no reference, and one of another IMU none for this one.
+    // A nominal table is a reference for its quantum, and a table of another IMU is none.
     let constant = |line: &str| line.find(", c1 = ").map_or(line.to_owned(), |end| format!("{} }}", &line[..end]));
     let nominal: Vec<_> = TABLE.lines().map(constant).collect();
     domain.write("nominal.toml", &nominal.join("\n").replace("91733.0", "60000.0"));
     let output = domain.run(&["check", "--against", "nominal.toml", "old.toml"]);
     assert_eq!(output.status.code(), Some(78));
-    assert!(text(&output.stderr).contains("the table before is no calibration and this one is a calibration"));
+    assert!(text(&output.stderr).contains("A1 positive_scale_factor changes by "), "{}", text(&output.stderr));
     domain.write("other.toml", &TABLE.replace("imu-a", "imu-b"));
     let output = domain.run(&["check", "--against", "old.toml", "other.toml"]);
     assert!(text(&output.stderr).contains("imu.id: the table before is of imu-a, this one of imu-b"));

@@ -192,6 +192,14 @@ impl Form {
         });
         Self { curves: curves.collect(), alignment, alignment_error, misalignment }
     }
+
+    /// The same with K+ and K- of each sensor times a number.
+    pub(crate) fn with_scale_factors_times(mut self, number: f64) -> Self {
+        for curve in self.curves.iter_mut().flat_map(|curves| &mut curves[1..]) {
+            curve.curve = curve.curve.times(number);
+        }
+        self
+    }
 }
 
 /// Full misalignments in the triangular convention.

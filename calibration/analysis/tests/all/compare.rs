@@ -4,7 +4,7 @@
 use isotherm_analysis::{Comparison, ComparisonRequirement, Compliance, Convention, YEAR_S, compare};
 use isotherm_fit::{CurveErrors, Origin, TableFile};
 use isotherm_shared::polynomial::Polynomial;
-use isotherm_shared::table::{CoefficientTable, Gyroscopes};
+use isotherm_shared::table::{CoefficientTable, Gyroscopes, Nominal, nominal_table};
 use isotherm_shared::units::BiasUnit;
 use isotherm_simulation::RandomGenerator;
 use nalgebra::{DMatrix, DVector, Matrix3};
@@ -148,6 +148,34 @@ fn scale_factors_of_different_intervals_are_not_compared() {
     for other in [Some(0.00252), None] {
         compare(vec![with(Some(0.0025)), with(other)], false).unwrap();
     }
+}
+
+/// As the service compares them: as what a pulse stands for, over the range of the calibration.
+#[test]
+fn a_nominal_table_is_compared_with_the_first_calibration_whatever_its_interval_and_range_are() {
+    let nominal = |interval_ns, range| {
+        nominal_table(&Nominal::new("imu-a".parse().unwrap(), interval_ns, range)).unwrap().to_toml()
+    };
+    let file = |name: &str, text: &str| TableFile::from_toml(name, text).unwrap();
+    let calibrated = |interval_ns, range| nominal(interval_ns, range) + "\n[provenance]\ntool = \"by hand\"\n";
+    let old = nominal(10_000_000, [-40.0, 20.0]);
+    let tables = || vec![file("old.toml", &old), file("new.toml", &calibrated(5_000_000, [25.0, 55.0]))];
+    let comparison = compare(tables(), false).unwrap();
+    assert_eq!(comparison.curves.len(), 18);
+    for curve in &comparison.curves {
+        assert_eq!((curve.range, curve.largest().0 < 1e-6), ([25.0, 55.0], true), "{}", curve.name());
+    }
+    // The scale factors of 10 ms with the interval of 5 ms are half of it.
+    let wrong = calibrated(10_000_000, [25.0, 55.0]).replace("nominal_interval_s = 0.01", "nominal_interval_s = 0.005");
+    let wrong = wrong.lines().filter(|line| !line.starts_with("digest")).collect::<Vec<_>>().join("\n");
+    let comparison = compare(vec![file("old.toml", &old), file("wrong.toml", &wrong)], false).unwrap();
+    assert!((comparison.curves[1].largest().0 - 500_000.0).abs() < 1e-3, "{:?}", comparison.curves[1]);
+    // There is no such way back, nor between two nominal tables.
+    let back = tables().into_iter().rev().collect();
+    assert!(compare(back, false).unwrap_err().0[0].contains("nominal_interval_s"));
+    let other = nominal(5_000_000, [-40.0, 20.0]);
+    let refused = compare(vec![file("old.toml", &old), file("other.toml", &other)], false).unwrap_err();
+    assert!(refused.0[0].contains("nominal_interval_s"));
 }
 
 /// The table with gyroscopes whose curves are those of 2023's accelerometers in deg/h, with these errors of both
