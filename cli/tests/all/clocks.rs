@@ -30,7 +30,7 @@ fn warm_up(path: &Path, imu: fn(u64) -> u64, temperature: fn(u64) -> u64, log: f
     let frame_id = "imu".to_owned();
     for row in 0..HERTZ * SECONDS {
         let time_ns = BEGIN + row * SECOND / HERTZ;
-        let celsius = 20.0 + 30.0 * (1.0 - (-(row as f64) / (HERTZ * 60) as f64).exp());
+        let celsius = 50.0 - 30.0 / (1.0 + row as f64 / (HERTZ * 60) as f64);
         let mut write = |channel: usize, data: &[u8]| {
             let log_time = log(time_ns);
             let header = MessageHeader { channel_id: channels[channel], sequence: 0, log_time, publish_time: log_time };

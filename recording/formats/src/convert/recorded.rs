@@ -1,9 +1,9 @@
 //! What the times at which the messages of a bag were recorded say of the stamps of its temperatures.
 //!
 //! A row has the last temperature up to its stamp, which is right while both topics are stamped by one clock. Where
-//! stamps do not rise, or hardly any row is stamped between the first and the last temperature, they decide nothing, and
-//! the order in which the messages were recorded does. Where the stamps decide, but those of messages that were recorded
-//! at the same time are apart, so are the clocks.
+//! stamps do not rise, or hardly any row is stamped between the first and the last temperature, they decide nothing,
+//! and the order in which the messages were recorded does. Where the stamps decide, but those of messages that were
+//! recorded at the same time are apart, so are the clocks.
 
 use isotherm_support::finding::{Finding, name};
 
@@ -12,9 +12,9 @@ const MOST: usize = 4096;
 /// Stamps decide if at least one of so many rows is stamped between the first and the last temperature. Times rise if
 /// at most one of so many does not.
 const ONE_OF: usize = 10;
-/// Messages may be recorded so late, or out of order by so much, that clocks cannot be told to be apart \[ns\].
+/// Messages may be recorded so late, or out of order by so much, while their clocks are one \[ns\].
 const LATE_NS: u64 = 1_000_000_000;
-/// Nor can they if they are apart by up to so many times the time between two temperatures.
+/// The stamps of one clock may differ by up to so many times the time between two temperatures.
 const DISTANCES: u64 = 2;
 
 /// When a message was stamped, and when it was recorded \[ns\].
@@ -151,9 +151,9 @@ impl EvenSample<MessageTimes> {
         })
     }
 
-    /// How far the clocks are apart, by temperatures and rows that were recorded at the same time. The topics as a whole
-    /// would have other differences: of a bag that was played faster and recorded again, or where the temperatures
-    /// begin late. The temperatures are in order of their stamps.
+    /// How far the clocks are apart, by temperatures and rows that were recorded at the same time. The topics as a
+    /// whole would have other differences: of a bag that was played faster and recorded again, or where the
+    /// temperatures begin late. The temperatures are in order of their stamps.
     fn apart(&self, of_rows: &str, topic: &str, temperatures: &[TimedTemperature]) -> Option<Finding> {
         let mut rows = self.taken.clone();
         rows.sort_by_key(|times| times.log_ns);

@@ -17,6 +17,9 @@ const BY_RECORDING: &str = "warning [stamps]: ";
 const APART: &str = "warning [clocks-apart]: ";
 const ONE: &str = "warning [one-temperature]: ";
 
+/// What a clock shows at a time \[ns\].
+type Clock = fn(f64) -> f64;
+
 /// An IMU and a thermometer that are recorded. Times are true ones after [`BEGIN`] \[ns\].
 #[derive(Clone, Copy)]
 struct Drive {
@@ -25,11 +28,10 @@ struct Drive {
     /// Distance of the temperatures, and when the first and the last one is taken \[s\].
     every_s: f64,
     thermometer: [f64; 2],
-    /// What a clock shows at a time.
-    imu_clock: fn(f64) -> f64,
-    temperature_clock: fn(f64) -> f64,
+    imu_clock: Clock,
+    temperature_clock: Clock,
     /// When what is ready at a time is recorded.
-    recorder: fn(f64) -> f64,
+    recorder: Clock,
     /// Jitter of the stamps as a part of the interval, rows of a burst, and the most that recording is late \[s\].
     jitter: f64,
     burst: u64,
@@ -131,7 +133,7 @@ fn temperatures(samples: &[RawSample]) -> Vec<f64> {
     samples.iter().map(|sample| sample.accelerometers.head_temperature[0]).collect()
 }
 
-/// Temperatures of the rows, and what is told of those of the topic `/t`.
+/// Temperatures of the rows, and what is reported of the topic `/t`.
 fn converted(messages: &[Recorded], settings: &Settings) -> Result<(Vec<f64>, Vec<String>), Failure> {
     let (samples, told) = bag(messages).convert(settings)?;
     let words = ["/t", "recorded before it", ONE];
@@ -151,7 +153,7 @@ fn by_recording(messages: &[Recorded]) -> Vec<f64> {
 #[test]
 fn honest_bags_are_joined_by_their_stamps_without_a_word() {
     let mut random = Random(3);
-    let mut any = |low: f64, high: f64| low * (high / low).powf(0.5 + 0.5 * random.uniform());
+    let mut any = |low: f64, high: f64| low * libm::pow(high / low, 0.5 + 0.5 * random.uniform());
     for case in 0..120 {
         let hertz = any(50.0, 1000.0);
         let seconds = any(2.0, 3000.0 / hertz.min(200.0)).min(6000.0 / hertz);
@@ -186,15 +188,15 @@ fn honest_bags_are_joined_by_their_stamps_without_a_word() {
 /// Stamps of another clock, by which every row would have one temperature, are of no use; the order of recording is.
 #[test]
 fn where_stamps_are_of_no_use_the_order_of_recording_decides() {
-    let zero: fn(f64) -> f64 = |_| -(BEGIN as f64);
-    let ahead: fn(f64) -> f64 = |time| time + 3600.0 * SECOND;
-    let boot: fn(f64) -> f64 = |time| time + 12.0 * SECOND - BEGIN as f64;
-    let reset: fn(f64) -> f64 = |time| {
+    let zero: Clock = |_| -(BEGIN as f64);
+    let ahead: Clock = |time| time + 3600.0 * SECOND;
+    let boot: Clock = |time| time + 12.0 * SECOND - BEGIN as f64;
+    let reset: Clock = |time| {
         let since = if time < 20.0 * SECOND { time + 5.0 * SECOND } else { time - 18.0 * SECOND };
         since - BEGIN as f64
     };
     // A driver that has no time during the first half.
-    let late: fn(f64) -> f64 = |time| if time < 20.0 * SECOND { -(BEGIN as f64) } else { time };
+    let late: Clock = |time| if time < 20.0 * SECOND { -(BEGIN as f64) } else { time };
     let normal = Drive::default();
     let fallen = [late, reset].map(|temperature_clock| Drive { temperature_clock, ..normal });
     let both = Drive { imu_clock: reset, temperature_clock: reset, ..normal };
@@ -204,10 +206,8 @@ fn where_stamps_are_of_no_use_the_order_of_recording_decides() {
         let messages = drive.messages(7);
         let (rows, told) = converted(&messages, &Settings::default()).unwrap();
         assert!(rows == by_recording(&messages), "{case}");
-        assert!(
-            told.len() == 1 && told[0].starts_with(BY_RECORDING) && told[0].contains("0.0 % of"),
-            "{case}: {told:?}"
-        );
+        let is_told = told.len() == 1 && told[0].starts_with(BY_RECORDING);
+        assert!(is_told && (told[0].contains("0.0 % of") || told[0].contains("do not rise")), "{case}: {told:?}");
         // Where the times of recording are asked for, the stamps are not looked at.
         let settings = Settings { time: TimeSource::Log, ..Settings::default() };
         assert_eq!(converted(&messages, &settings).unwrap(), (by_recording(&messages), Vec::new()), "{case}");
@@ -223,7 +223,7 @@ fn where_stamps_are_of_no_use_the_order_of_recording_decides() {
 /// Clocks that are apart by less than the recording are named; the stamps decide all the same.
 #[test]
 fn clocks_that_are_apart_are_named_with_their_difference() {
-    let clocks: [(fn(f64) -> f64, &str); 4] = [
+    let clocks: [(Clock, &str); 4] = [
         (|time| time + 20.0 * SECOND, "20.0"),
         (|time| time - 20.0 * SECOND, "20.0"),
         (|time| time + 2.3 * SECOND, "2.3"),
@@ -272,13 +272,13 @@ fn thermometers_and_recorders_of_many_kinds_are_not_taken_for_other_clocks() {
         assert!(rows == if is_told { by_recording(&messages) } else { by_stamp(&messages) }, "{thermometer:?}");
     }
     // A bag that was played twice as fast, or at a tenth, and recorded again; its temperatures begin late.
-    let recorders: [fn(f64) -> f64; 2] = [|time| 3600.0 * SECOND + time / 2.0, |time| 3600.0 * SECOND + 10.0 * time];
+    let recorders: [Clock; 2] = [|time| 3600.0 * SECOND + time / 2.0, |time| 3600.0 * SECOND + 10.0 * time];
     for recorder in recorders {
         let messages = Drive { recorder, thermometer: [150.0, 1e9], ..drive }.messages(3);
         assert_eq!(converted(&messages, &Settings::default()).unwrap(), (by_stamp(&messages), Vec::new()));
     }
     // Temperatures that are published with every row, stamped when they were read: every 30 s.
-    let read: fn(f64) -> f64 = |time| (time / (30.0 * SECOND)).floor() * 30.0 * SECOND;
+    let read: Clock = |time| (time / (30.0 * SECOND)).floor() * 30.0 * SECOND;
     let messages = Drive { temperature_clock: read, every_s: 0.05, ..drive }.messages(4);
     assert_eq!(converted(&messages, &Settings::default()).unwrap(), (by_stamp(&messages), Vec::new()));
 }
@@ -299,12 +299,12 @@ fn two_topics_have_the_temperatures_in_the_order_of_recording() {
     }
     let (samples, told) = bag.convert(&Settings::default()).unwrap();
     assert!(temperatures(&samples) == by_recording(&messages));
-    assert!(told.iter().any(|line| line.starts_with(BY_RECORDING) && line.contains("/accel")), "{told:?}");
+    assert!(told.iter().any(|line| line.starts_with(BY_RECORDING) && line.contains("/t")), "{told:?}");
 }
 
-/// One measured temperature in all rows of more than a minute is told of, in a text as in a bag.
+/// One measured temperature in all rows of more than a minute is reported, of a text as of a bag.
 #[test]
-fn one_temperature_for_all_rows_of_more_than_a_minute_is_told() {
+fn one_temperature_for_all_rows_of_more_than_a_minute_is_reported() {
     let mapping = |temperature: &str| {
         format!(
             "format = 1\n[time]\ncolumn = \"t\"\nunit = \"s\"\n[accelerometer]\ncolumns = [\"x\", \"y\", \"z\"]\n\
