@@ -389,6 +389,8 @@ mod tests {
             stamps: MessageStamps::Sample,
             has_gyroscopes: true,
             temperature: None,
+            temperature_max_age_s: None,
+            temperature_name: String::new(),
         }
     }
 

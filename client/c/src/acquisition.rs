@@ -113,7 +113,7 @@ unsafe fn merge(sample: *mut RawSample, later: *const RawSample) -> Result<(), C
     if sample.is_null() || later.is_null() {
         return Err(NULL);
     }
-    if core::ptr::eq(sample, later) {
+    if ptr::eq(sample, later) {
         return Err(SAME);
     }
     // SAFETY: not NULL, so they are readable, as the header requires.
