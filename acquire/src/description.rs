@@ -42,6 +42,8 @@ pub struct Description {
     pub(crate) kind: Kind,
     /// When the rows were sampled.
     pub(crate) timing: Timing,
+    /// Whether its accelerometers feel gravity.
+    pub(crate) has_gravity: bool,
     /// The places of the sensors in a row.
     pub(crate) columns: Columns,
     /// How the device says who it is.
@@ -201,6 +203,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         "serial",
         serial.filter(|text| device(text) == 0).map(|_| "is empty; give it, or leave it out".to_owned()),
     );
+    let has_gravity = root.optional_bool("gravity").unwrap_or(true);
     let source = root.section("source", "a section [source]")?;
     let kind = source.choice("kind", &KINDS);
     let port = if kind == Some(KindName::Iio) { None } else { port::read(&source) };
@@ -237,6 +240,7 @@ fn read(document: &Document<'_>, root: &Section<'_, '_>) -> Option<Description> 
         serial: serial.map(str::to_owned),
         kind,
         timing,
+        has_gravity,
         columns,
         identity,
         setup,

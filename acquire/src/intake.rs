@@ -4,8 +4,10 @@ mod judge;
 
 use crate::description::{Description, Kind, Port};
 use crate::frames::{DecodedFrame, FrameArrival};
+use crate::gravity::UnitCheck;
 use crate::health::Health;
 use crate::identity::Signature;
+use crate::iio::IioScale;
 use crate::link::SoakSpan;
 use crate::notice::Notice;
 use crate::number::Value;
@@ -33,6 +35,7 @@ pub(crate) struct Intake {
     timeline: Timeline<Vec<Value>>,
     assembler: Assembler,
     thermometer: Thermometer,
+    units: UnitCheck,
     /// Room for rows that wait.
     spare: Vec<Vec<Value>>,
     last_row: Vec<Value>,
@@ -131,6 +134,7 @@ impl Intake {
             timeline: if ends { timeline.at_any_pace() } else { timeline },
             assembler: Assembler::new(description.columns),
             thermometer: Thermometer::new(description),
+            units: UnitCheck::new(description),
             spare: Vec::new(),
             last_row: Vec::new(),
             pulses: None,
@@ -162,6 +166,11 @@ impl Intake {
     /// For an IMU that has sent a sample since the machine was started.
     pub(crate) fn of_sender(self, has_sent: bool) -> Self {
         Self { has_sent, ..self }
+    }
+
+    /// For a device of which the kernel knows the scales.
+    pub(crate) fn with_scales(self, scales: &[IioScale]) -> Self {
+        Self { units: self.units.with_scales(&self.description, scales), ..self }
     }
 
     /// For a device whose clock has pulses, if they are described. They are in `sysfs`, which is `/`, or the root of a
@@ -298,7 +307,9 @@ impl Intake {
         let is_valid = placed.is_certain && (!is_other || self.description.columns.adopts());
         self.assembler.set_interval(placed.interval_ns);
         if let Some((mut raw, session)) = self.sample(row, timestamp_ns) {
-            if !is_valid {
+            if is_valid {
+                self.units.take(row, timestamp_ns, placed.interval_ns);
+            } else {
                 raw.invalidate();
                 self.tally.other_rate += 1;
             }
@@ -334,6 +345,7 @@ impl Intake {
         (self.has_sample, self.last_has_sample) = (false, false);
         self.assembler.reset();
         self.thermometer.begin_session();
+        self.units.begin_session();
     }
 
     /// Notes whether the device is taken to be soaked, since its own clock or counter has just begun.

@@ -27,6 +27,7 @@ mod datagrams;
 mod description;
 mod dialogue;
 mod frames;
+mod gravity;
 mod health;
 mod identity;
 pub mod iio;
@@ -60,6 +61,7 @@ mod timeline;
 
 pub use description::Description;
 pub use frames::{DecodedFrame, FrameArrival, MAX_FRAME};
+pub use isotherm_recording_formats::convert::{acceleration_units, rate_units};
 pub use link::LinkCounts;
 pub use message_queue::{DeviceMessage, MessageQueue, MessageStamps};
 pub use messages::MessageSettings;

@@ -376,29 +376,16 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message_queue::{MessageQueue, MessageStamps};
+    use crate::message_queue::MessageQueue;
     use crate::messages::MessageSettings;
-    use isotherm_client::{Domain, Resolution};
-
-    fn settings(interval_ns: u64) -> MessageSettings {
-        MessageSettings {
-            imu: "imu-a".parse().unwrap(),
-            serial: None,
-            interval_ns,
-            resolution: Resolution::default(),
-            stamps: MessageStamps::Sample,
-            has_gyroscopes: true,
-            temperature: None,
-            temperature_max_age_s: None,
-            temperature_name: String::new(),
-        }
-    }
+    use isotherm_client::Domain;
 
     #[test]
     fn what_is_kept_is_bounded_in_time_and_number() {
         let of_interval = |interval_ns| {
             let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
-            let description = Description::of_messages(settings(interval_ns), &MessageQueue::default());
+            let description =
+                Description::of_messages(MessageSettings::of_tests(interval_ns), &MessageQueue::default());
             Link::new(&description, options, Some(interval_ns), None, None)
         };
         let limits = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).limits);

@@ -32,6 +32,8 @@ pub struct MessageSettings {
     pub stamps: MessageStamps,
     /// Whether the device has gyroscopes.
     pub has_gyroscopes: bool,
+    /// Whether its accelerometers feel gravity, so that the length of the first accelerations shows a wrong unit.
+    pub has_gravity: bool,
     /// The temperature of all samples; `None`: messages have it.
     pub temperature: Option<f64>,
     /// What the temperature of messages is called in reports, such as its topic.
@@ -92,6 +94,7 @@ impl Description {
     ///     resolution: Resolution::default(),
     ///     stamps: MessageStamps::Sample,
     ///     has_gyroscopes: true,
+    ///     has_gravity: true,
     ///     temperature: None,
     ///     temperature_name: "temperature".to_owned(),
     ///     temperature_max_age_s: None,
@@ -121,7 +124,7 @@ impl Description {
             offset: 0.0,
             resolution: Some(resolution),
             sign: [1.0; AXES],
-            unit: None,
+            unit: Some(1.0),
             range: None,
             duration: None,
         };
@@ -143,6 +146,7 @@ impl Description {
                 interval_ns,
                 device: serial.as_deref().map_or(0, device),
             },
+            has_gravity: settings.has_gravity,
             identity: None,
             setup: Vec::new(),
             sensors: SensorColumns {
@@ -165,6 +169,25 @@ impl Description {
 }
 
 #[cfg(test)]
+impl MessageSettings {
+    /// Those of a test.
+    pub(crate) fn of_tests(interval_ns: u64) -> Self {
+        Self {
+            imu: "imu-a".parse().unwrap(),
+            serial: None,
+            interval_ns,
+            resolution: Resolution::default(),
+            stamps: MessageStamps::Sample,
+            has_gyroscopes: true,
+            has_gravity: true,
+            temperature: Some(25.0),
+            temperature_name: "temperature".to_owned(),
+            temperature_max_age_s: None,
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::message_queue::DeviceMessage;
@@ -173,24 +196,10 @@ mod tests {
     const INTERVAL: u64 = 2_500_000;
     const BEGIN: u64 = 1_000_000_000_000;
 
-    fn settings() -> MessageSettings {
-        MessageSettings {
-            imu: "imu-a".parse().unwrap(),
-            serial: None,
-            interval_ns: INTERVAL,
-            resolution: Resolution::default(),
-            stamps: MessageStamps::Sample,
-            has_gyroscopes: true,
-            temperature: Some(25.0),
-            temperature_name: "temperature".to_owned(),
-            temperature_max_age_s: None,
-        }
-    }
-
     /// The samples of messages that come at these times with these stamps, and how many sessions they have.
     fn samples(messages: impl Iterator<Item = [u64; 2]>) -> (Vec<RawSample>, u64) {
         let queue = MessageQueue::default();
-        let description = Description::of_messages(settings(), &queue);
+        let description = Description::of_messages(MessageSettings::of_tests(INTERVAL), &queue);
         let source = Messages::new(&queue, MessageStamps::Sample);
         let mut intake = Intake::new(&description, 0.0, true);
         let mut samples = Vec::new();
@@ -213,7 +222,7 @@ mod tests {
     #[test]
     fn messages_at_another_rate_end_it_for_now() {
         let queue = MessageQueue::default();
-        let description = Description::of_messages(settings(), &queue);
+        let description = Description::of_messages(MessageSettings::of_tests(INTERVAL), &queue);
         let source = Messages::new(&queue, MessageStamps::Sample);
         let mut intake = Intake::new(&description, 0.0, true);
         let refused = (0..200).find_map(|number: u64| {

@@ -104,6 +104,7 @@ pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Fa
     let recorder =
         settings.record.as_ref().map(|recording| Recorder::create(recording, &description.imu)).transpose()?;
     let intake = Intake::new(description, source.byte_ns(), source.is_stamped());
+    let intake = intake.with_scales(source.scales());
     let intake = intake.with_pulses(&settings.sysfs, source.is_live()).of_sender(has_sent);
     let sink = match settings.target {
         Target::Service(ref options) => {

@@ -3,7 +3,7 @@
 use crate::description::{Description, Kind, Port};
 use crate::frames::{DecodedFrame, FrameArrival};
 use crate::identity::Recognition;
-use crate::iio::{self, IioClock, IioFault, IioSource};
+use crate::iio::{self, IioClock, IioFault, IioScale, IioSource};
 use crate::intake::{Intake, RowArrival};
 use crate::messages::Messages;
 use crate::notice::Notice;
@@ -129,6 +129,14 @@ impl Source {
             Self::Bytes(_) => false,
             Self::Iio(scans) => scans.open.as_ref().is_none_or(|open| *open.clock() == IioClock::Monotonic),
             Self::Messages(messages) => messages.is_stamped(),
+        }
+    }
+
+    /// The scales of the sensors where the kernel gives them and the device is there.
+    pub(crate) fn scales(&self) -> &[IioScale] {
+        match self {
+            Self::Iio(scans) => scans.open.as_ref().map_or(&[], IioSource::scales),
+            Self::Bytes(_) | Self::Messages(_) => &[],
         }
     }
 

@@ -2,6 +2,7 @@
 
 mod descriptions;
 mod golden;
+mod gravity;
 mod identity;
 mod intake;
 mod outages;

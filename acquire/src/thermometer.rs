@@ -1,12 +1,12 @@
 //! How old the temperature is: when it is stale, and that it never comes.
 //!
 //! The pace of a thermometer shows in its last readings. A reading is a finite value that has come in a row, whether or
-//! not it is another one than before: a device that repeats its last temperature in every row cannot be told from one
-//! whose thermometer is alive.
+//! not it is another one than before. A device that repeats its last temperature in every row therefore seems to have
+//! a thermometer that is alive.
 
 use crate::description::{Description, Kind};
-use crate::notice::Notice;
 use crate::number::Value;
+use crate::sample::TemperatureColumns;
 use isotherm_recording_formats::convert::{ColumnRef, Temperature};
 use isotherm_support::failure::tell;
 
@@ -19,7 +19,9 @@ const ENOUGH: usize = 3;
 /// No temperature is stale before this age \[ns\], and before the pace is known.
 const LEAST_NS: u64 = 5 * SECOND_NS;
 const UNKNOWN_NS: u64 = 60 * SECOND_NS;
-/// How often it is said that samples wait for a temperature \[ns\], on their clock.
+/// Pause between two messages that a temperature is stale \[ns\], on the clock of the samples.
+const PAUSE_NS: u64 = 60 * SECOND_NS;
+/// How often it is said that samples wait for a temperature \[ns\], on that clock.
 const WAITING_NS: u64 = 10 * SECOND_NS;
 
 /// The ages at which temperatures are stale.
@@ -42,6 +44,8 @@ struct TemperatureColumn {
     is_there: bool,
     /// When it came last, in this session \[ns\]; `None` if that is not known.
     last_ns: Option<u64>,
+    /// From where its age is counted then: the first sample \[ns\].
+    since_ns: Option<u64>,
     /// The last distances between readings \[ns\], the oldest in place of the next one.
     distances: [u64; LAST],
     count: usize,
@@ -54,9 +58,9 @@ pub(crate) struct Thermometer {
     /// None for a temperature that is always the same.
     columns: Vec<TemperatureColumn>,
     limits: AgeLimits,
-    notice: Notice,
-    /// Whether it was said that the temperature is stale, and since when \[ns\].
+    /// When it was said last that the temperature is stale \[ns\], and whether its end is to be said.
     told_ns: Option<u64>,
+    is_told: bool,
     /// Since when samples wait for a temperature, and when it was said last \[ns\].
     waiting_ns: Option<[u64; 2]>,
 }
@@ -69,7 +73,8 @@ impl TemperatureColumn {
             self.distances[self.count % LAST] = now_ns - last_ns;
             self.count += 1;
         }
-        (self.is_there, self.is_stale, self.last_ns) = (true, false, now_ns);
+        (self.is_there, self.is_stale) = (true, false);
+        (self.last_ns, self.since_ns) = (now_ns, None);
     }
 
     fn limit_ns(&self, limits: &AgeLimits) -> u64 {
@@ -88,8 +93,17 @@ impl Thermometer {
         for (place, name) in description.temperature_places() {
             if columns.iter().all(|column| column.place != place) {
                 let (distances, count) = ([0; LAST], 0);
-                let (is_there, is_stale, last_ns) = (false, false, None);
-                columns.push(TemperatureColumn { place, name, is_there, last_ns, distances, count, is_stale });
+                let (is_there, is_stale, last_ns, since_ns) = (false, false, None, None);
+                columns.push(TemperatureColumn {
+                    place,
+                    name,
+                    is_there,
+                    last_ns,
+                    since_ns,
+                    distances,
+                    count,
+                    is_stale,
+                });
             }
         }
         let given = description.sensors.temperature_max_age_s;
@@ -102,7 +116,7 @@ impl Thermometer {
             least_ns: LEAST_NS.max(polled_ns),
             unknown_ns: UNKNOWN_NS.max(polled_ns),
         };
-        Self { columns, limits, notice: Notice::default(), told_ns: None, waiting_ns: None }
+        Self { columns, limits, told_ns: None, is_told: false, waiting_ns: None }
     }
 
     /// Takes the temperatures of a row of this time \[ns\], which is 0 before the first one that has a time.
@@ -117,7 +131,7 @@ impl Thermometer {
     /// Another session begins, whose times may be of another clock: the ages are counted anew, but what is stale stays
     /// so.
     pub(crate) fn begin_session(&mut self) {
-        self.columns.iter_mut().for_each(|column| column.last_ns = None);
+        self.columns.iter_mut().for_each(|column| (column.last_ns, column.since_ns) = (None, None));
         self.waiting_ns = None;
     }
 
@@ -131,43 +145,42 @@ impl Thermometer {
 
     /// Whether the temperature of a sample of this time \[ns\] is stale, which is said.
     pub(crate) fn is_stale(&mut self, now_ns: u64) -> bool {
-        self.waiting_ns = None;
-        let Some(text) = self.stale_text(now_ns) else {
-            if let Some(text) = self.back_text(now_ns) {
-                self.notice.is_over();
-                tell("isotherm", text);
-            }
-            return false;
-        };
-        self.notice.tell(|| text);
-        true
+        let (is_stale, text) = self.judge(now_ns);
+        if let Some(text) = text {
+            tell("isotherm", text);
+        }
+        is_stale
     }
 
-    /// What is to be said of the temperature of a sample of this time, if it is stale.
-    pub(crate) fn stale_text(&mut self, now_ns: u64) -> Option<String> {
+    /// Whether the temperature of a sample of this time \[ns\] is stale, and what is to be said of it: at the
+    /// beginning, then once a minute, and at the end if the beginning was said.
+    pub(crate) fn judge(&mut self, now_ns: u64) -> (bool, Option<String>) {
+        self.waiting_ns = None;
         let mut oldest: Option<(u64, u64, &str)> = None;
         for column in &mut self.columns {
-            // The age of one that came without a time is counted from here.
-            let age_ns = now_ns.saturating_sub(*column.last_ns.get_or_insert(now_ns));
+            let since_ns = column.last_ns.unwrap_or_else(|| *column.since_ns.get_or_insert(now_ns));
+            let age_ns = now_ns.saturating_sub(since_ns);
             let limit_ns = column.limit_ns(&self.limits);
             column.is_stale |= age_ns > limit_ns;
             if column.is_stale && oldest.is_none_or(|(before_ns, ..)| age_ns > before_ns) {
                 oldest = Some((age_ns, limit_ns, &column.name));
             }
         }
-        let (age_ns, limit_ns, name) = oldest?;
-        self.told_ns.get_or_insert(now_ns.saturating_sub(age_ns));
+        let Some((age_ns, limit_ns, name)) = oldest else {
+            let is_back = std::mem::take(&mut self.is_told);
+            return (false, is_back.then(|| "the temperature has come again".to_owned()));
+        };
+        // The clock may have begun anew.
+        if self.told_ns.is_some_and(|told_ns| now_ns.abs_diff(told_ns) < PAUSE_NS) {
+            return (true, None);
+        }
+        (self.told_ns, self.is_told) = (Some(now_ns), true);
         let [age_s, limit_s] = [age_ns, limit_ns].map(|ns| ns as f64 / 1e9);
-        Some(format!(
+        let text = format!(
             "warning: the temperature of {name} is {age_s:.1} s old, and it is stale after {limit_s:.1} s: increments are computed \
              with it and flagged telemetry-stale; look at the thermometer, or give temperature_max_age_s"
-        ))
-    }
-
-    /// What is to be said once a temperature that was stale has come again.
-    fn back_text(&mut self, now_ns: u64) -> Option<String> {
-        let seconds = now_ns.saturating_sub(self.told_ns.take()?) as f64 / 1e9;
-        Some(format!("the temperature has come again, after {seconds:.1} s"))
+        );
+        (true, Some(text))
     }
 
     /// A frame of this time \[ns\] waits for the first temperature, which is said from time to time.
@@ -196,9 +209,9 @@ impl Thermometer {
 }
 
 impl Description {
-    /// The places of the temperatures in a row, and what they are called: their column or topic. None if it is constant.
+    /// The places of the temperatures in a row, and what they are called: their column or topic. None if the
+    /// temperature is constant.
     fn temperature_places(&self) -> Vec<(usize, String)> {
-        use crate::sample::TemperatureColumns;
         let (TemperatureColumns::Columns { head, board, .. }, Temperature::Columns { head: heads, board: boards, .. }) =
             (&self.columns.temperature, &self.sensors.temperature)
         else {

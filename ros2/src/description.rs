@@ -1,7 +1,7 @@
 //! The description of a node: which IMUs it publishes, and which topics it makes IMUs of.
 
 use crate::topic::{DIAGNOSTICS, OutputTopics, fault, name_of};
-use isotherm_acquire::{MessageSettings, MessageStamps};
+use isotherm_acquire::{MessageSettings, MessageStamps, acceleration_units, rate_units};
 use isotherm_client::{ImuId, Resolution, device};
 use isotherm_shared::document::{Document, Faults, Section};
 use std::collections::BTreeSet;
@@ -136,6 +136,8 @@ pub struct InputSettings {
     pub frame: Option<String>,
     /// Whether the stamps are of another clock than this machine's Unix time.
     pub has_other_clock: bool,
+    /// One of the messages' unit of accelerations \[m/s2\] and of rates \[rad/s\].
+    pub units: [f64; 2],
     /// How messages become samples; its temperature is that of `temperature`.
     pub samples: MessageSettings,
     /// What is asked of the driver.
@@ -307,6 +309,9 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
     let has_other_clock = section.optional_choice("clock", &[(false, "system"), (true, "other")]).unwrap_or(false);
     let resolution = resolution(&section);
     let has_gyroscopes = section.optional_bool("gyroscopes").unwrap_or(true);
+    let has_gravity = section.optional_bool("gravity").unwrap_or(true);
+    let unit = |key, units: &[(f64, &str)]| section.optional_choice(key, units).unwrap_or(1.0);
+    let units = [unit("accelerometer_unit", &acceleration_units()), unit("gyroscope_unit", &rate_units())];
     let queue = queue(&section, false);
     section.finish();
     let temperature = match (temperature_topic, constant.filter(|_| is_right)) {
@@ -323,6 +328,7 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
         temperature,
         frame,
         has_other_clock,
+        units,
         samples: MessageSettings {
             imu: imu?,
             serial: serial.map(str::to_owned),
@@ -330,6 +336,7 @@ fn input(section: Section<'_, '_>) -> Option<InputSettings> {
             resolution: resolution?,
             stamps,
             has_gyroscopes,
+            has_gravity,
             temperature: constant,
             temperature_name,
             temperature_max_age_s,
@@ -425,6 +432,9 @@ mod tests {
             stamps = "arrival"
             clock = "other"
             gyroscopes = false
+            gravity = false
+            accelerometer_unit = "mg"
+            gyroscope_unit = "deg/s"
             gyroscope_resolution = 1e-7
             reliability = "reliable"
             depth = 100
@@ -442,6 +452,8 @@ mod tests {
         assert_eq!(input.samples.resolution, Resolution { accelerometer: 1e-6, gyroscope: 1e-7 });
         let samples = &input.samples;
         assert_eq!(samples.temperature_max_age_s, Some(f64::INFINITY));
+        assert!(!samples.has_gravity);
+        assert_eq!(input.units, [9.80665 / 1e3, std::f64::consts::PI / 180.0]);
         assert_eq!(samples.temperature_name, "/driver/imu/temperature");
         assert!(input.has_other_clock && output.has_other_clock && !input.samples.has_gyroscopes);
         assert_eq!(
@@ -494,6 +506,8 @@ mod tests {
         assert!(faults(&node("/driver/imu", "")).contains("those of one temperature"));
         let idle = faults(&node("/driver/imu", "temperature_c = 20\ntemperature_max_age_s = 5"));
         assert!(idle.contains("without temperature_topic"), "{idle}");
+        let unit = faults(&node("/driver/imu", "temperature_c = 20\naccelerometer_unit = \"deg/s\""));
+        assert!(unit.contains("accelerometer_unit") && unit.contains("mg"), "{unit}");
         let never =
             faults(&node("/driver/imu", "temperature_topic = \"/driver/temperature\"\ntemperature_max_age_s = 0"));
         assert!(never.contains("a number over 0, or inf"), "{never}");

@@ -228,6 +228,21 @@ mod tests {
     }
 
     #[test]
+    fn a_temperature_that_is_stale_is_a_warning_and_one_without_a_time_is_told() {
+        use crate::output::tests::status;
+        let found = |age_s, is_stale| {
+            let mut findings = Findings::new();
+            of_temperature(&mut findings, &status(1, age_s, is_stale), None);
+            let value = findings.values.iter().find(|value| value.key == "temperature_age_s").unwrap().value.clone();
+            (findings.level, value, findings.messages.join(""))
+        };
+        assert_eq!(found(Some(0.25), false), (DiagnosticLevel::Ok, "0.25".to_owned(), String::new()));
+        assert_eq!(found(None, false), (DiagnosticLevel::Ok, "not given".to_owned(), String::new()));
+        let (level, _, message) = found(Some(92.0), true);
+        assert!(level == DiagnosticLevel::Warn && message.contains("92.0 s old"), "{message}");
+    }
+
+    #[test]
     fn a_wrong_clock_is_an_error() {
         let report = OutputReport { stamps: StampState::Refused(7_000_000_000), ..report() };
         let array = diagnostics(None, None, &[report], OFFSET, TimeMessage::default());

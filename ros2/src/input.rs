@@ -35,6 +35,7 @@ pub struct InputCounts {
 pub struct InputGate {
     frame: Option<String>,
     has_other_clock: bool,
+    units: [f64; 2],
     temperature: Option<f64>,
     delay: Option<SmallestDelay>,
     /// What was counted.
@@ -48,6 +49,7 @@ impl InputGate {
         Self {
             frame: settings.frame.clone(),
             has_other_clock: settings.has_other_clock,
+            units: settings.units,
             temperature: None,
             delay: None,
             counts: InputCounts::default(),
@@ -79,14 +81,19 @@ impl InputGate {
         }
         let stamp_ns = self.stamp_ns(message, arrived_ns, offset).inspect_err(|_| self.counts.absurd_stamp += 1)?;
         // -1: there is no such value.
-        let values = |values: [f64; AXES], covariance: &[f64; 9]| {
-            if covariance[0] == -1.0 { [f64::NAN; AXES] } else { values }
+        let values = |values: [f64; AXES], covariance: &[f64; 9], unit: f64| {
+            if covariance[0] == -1.0 { [f64::NAN; AXES] } else { values.map(|value| value * unit) }
         };
+        let [acceleration, rate] = self.units;
         Ok(DeviceMessage {
             arrived_ns,
             stamp_ns,
-            specific_force: values(message.linear_acceleration.into(), &message.linear_acceleration_covariance),
-            angular_rate: values(message.angular_velocity.into(), &message.angular_velocity_covariance),
+            specific_force: values(
+                message.linear_acceleration.into(),
+                &message.linear_acceleration_covariance,
+                acceleration,
+            ),
+            angular_rate: values(message.angular_velocity.into(), &message.angular_velocity_covariance, rate),
             temperature: self.temperature.take(),
         })
     }
@@ -159,6 +166,20 @@ mod tests {
         assert_eq!(next.temperature, Some(31.5));
         assert_eq!(gate.take(&message(OFFSET.unix_ns(NOW + 1)), NOW + 20, OFFSET).unwrap().temperature, None);
         assert_eq!((gate.counts.temperatures, gate.counts.bad_temperatures), (2, 1));
+    }
+
+    #[test]
+    fn the_units_of_the_driver_become_those_of_the_samples() {
+        let mut message = message(OFFSET.unix_ns(NOW));
+        message.angular_velocity = [180.0, 0.0, -90.0].into();
+        let taken = |keys: &str| {
+            let taken = gate(keys).take(&message, NOW, OFFSET).unwrap();
+            (taken.specific_force, taken.angular_rate)
+        };
+        assert_eq!(taken(""), ([1.0, 2.0, 3.0], [180.0, 0.0, -90.0]));
+        let (force, rate) = taken("accelerometer_unit = \"g\"\ngyroscope_unit = \"deg/s\"\n");
+        assert_eq!(force, [9.80665, 2.0 * 9.80665, 3.0 * 9.80665]);
+        assert!((rate[0] - std::f64::consts::PI).abs() < 1e-12 && rate[2] < 0.0, "{rate:?}");
     }
 
     #[test]

@@ -105,9 +105,9 @@ pub struct TemperatureOutput {
 }
 
 impl TemperatureOutput {
-    /// The temperature of a status that was taken at `taken_ns`, and when it was read, on the same clock \[ns\]. That is
-    /// the time of the status where the acquisition does not give it, and never earlier than that of the status before.
-    /// `None` if no sample has come since then, or if the temperature is stale: an old one has no new stamp.
+    /// The temperature of a status that was taken at `taken_ns`, and when it was read, on the same clock \[ns\]. That
+    /// is the time of the status where the acquisition does not give it, and never earlier than that of the status
+    /// before. `None` if no sample has come since then, or if the temperature is stale: an old one has no new stamp.
     pub fn next(&mut self, imu: &ImuStatus, taken_ns: u64) -> Option<(f64, u64)> {
         let has_sample = imu.received != std::mem::replace(&mut self.received, imu.received) && imu.rate_hz > 0;
         let temperature = temperature_of(imu).filter(|_| has_sample && !imu.temperature_stale)?;
@@ -125,7 +125,7 @@ fn temperature_of(imu: &ImuStatus) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::OutputSettings;
 
@@ -157,7 +157,7 @@ mod tests {
     }
 
     /// The status of an IMU in degrees Celsius.
-    fn status(received: u64, temperature_age_s: Option<f64>, temperature_stale: bool) -> ImuStatus {
+    pub(crate) fn status(received: u64, temperature_age_s: Option<f64>, temperature_stale: bool) -> ImuStatus {
         let ranges = [[-40.0, 85.0]; 3];
         let document = serde_json::json!({
             "id": "imu-a", "table_file": "", "ranges": { "unit": "degC", "head": ranges, "board": ranges },

@@ -184,8 +184,8 @@ pub struct ImuStatus {
     /// Time constant of the lagged temperature of the last sample \[s\]; null if it has none, or before the first
     /// sample. If it is not `lag_s`, increments are flagged `lag-unknown`: `OTHER LAG` for people.
     pub sample_lag_s: Option<f64>,
-    /// Time between the reading of the temperature and the end of the last sample \[s\]; null if the acquisition does not
-    /// give it, or before the first sample. `age not given` for people.
+    /// Time between the reading of the temperature and the end of the last sample \[s\]; null if the acquisition does
+    /// not give it, or before the first sample. `age not given` for people.
     #[serde(default)]
     pub temperature_age_s: Option<f64>,
     /// Whether the last increment was flagged `telemetry-stale`: its temperature is too old. `STALE` for people.

@@ -19,8 +19,8 @@ pub const SENSORS: usize = 2 * AXES;
 /// Longest control period that can be compensated: one hour. A longer one, or 0, is flagged [`Flags::INTERVAL`].
 pub const MAX_INTERVAL_NS: u64 = 3_600_000_000_000;
 
-/// The bit of [`RawSample::telemetry_ns`] that marks temperature which the acquisition holds for stale. It is no part of
-/// the time: no clock counts 2^63 ns.
+/// The bit of [`RawSample::telemetry_ns`] that marks temperature which the acquisition holds for stale. It is no part
+/// of the time: no clock counts 2^63 ns.
 const STALE_MARK: u64 = 1 << 63;
 
 /// What three sensors of one kind, accelerometers or gyroscopes, have measured in a control period.

@@ -23,6 +23,7 @@ fn description(temperature: Option<f64>, temperature_max_age_s: Option<f64>) -> 
         resolution: Resolution::default(),
         stamps: MessageStamps::Sample,
         has_gyroscopes: true,
+        has_gravity: true,
         temperature,
         temperature_name: TOPIC.to_owned(),
         temperature_max_age_s,
@@ -160,12 +161,38 @@ fn one_of_several_thermometers_is_enough() {
         let of = |name: &String| if name == dead { Value::ABSENT } else { Value::real(25.0) };
         let row: Vec<_> = names.iter().map(of).collect();
         thermometer.take(&row, BEGIN + second * SECOND);
-        thermometer.stale_text(BEGIN + second * SECOND)
+        thermometer.judge(BEGIN + second * SECOND).1
     };
     assert_eq!((0..10).find_map(|second| at(second, "")), None);
     let text = (10..20).find_map(|second| at(second, "temperature_gy")).unwrap();
     assert!(text.contains("temperature_gy is 6.0 s old, and it is stale after 5.0 s"), "{text}");
     assert!(text.contains("temperature_max_age_s"), "{text}");
+}
+
+/// At once, then once a minute, and at the end; one that comes and goes is not said more often.
+#[test]
+fn a_stale_temperature_is_said_once_a_minute() {
+    let mut thermometer = Thermometer::new(&description(None, Some(2.0)));
+    let row = [0.0; 7].map(Value::real);
+    let mut said = |seconds: core::ops::Range<u64>, comes: &dyn Fn(u64) -> bool| {
+        let mut all = Vec::new();
+        for second in seconds {
+            if comes(second) {
+                thermometer.take(&row, BEGIN + second * SECOND);
+            }
+            all.extend(thermometer.judge(BEGIN + second * SECOND).1.map(|text| (second, text)));
+        }
+        all
+    };
+    assert_eq!(said(0..10, &|_| true), []);
+    let dead = said(10..200, &|_| false);
+    assert_eq!(dead.iter().map(|(second, _)| *second).collect::<Vec<_>>(), [12, 72, 132, 192]);
+    assert!(dead[1].1.contains("is 63.0 s old, and it is stale after 2.0 s"), "{dead:?}");
+    let back = said(200..250, &|_| true);
+    assert!(back.len() == 1 && back[0].0 == 200 && back[0].1.contains("has come again"), "{back:?}");
+    // Every fourth second: each minute a beginning and its end.
+    let flickers = said(252..852, &|second| second.is_multiple_of(4));
+    assert_eq!(flickers.len(), 20, "{flickers:?}");
 }
 
 #[test]
@@ -198,7 +225,7 @@ fn a_poll_is_a_pace() {
         let mut thermometer = Thermometer::new(&description);
         let row: Vec<_> = description.columns().iter().map(|_| Value::real(25.0)).collect();
         thermometer.take(&row, BEGIN);
-        assert_eq!(thermometer.stale_text(BEGIN + seconds * SECOND), None, "{poll}");
-        assert!(thermometer.stale_text(BEGIN + seconds * SECOND + 1).is_some(), "{poll}");
+        assert!(!thermometer.judge(BEGIN + seconds * SECOND).0, "{poll}");
+        assert!(thermometer.judge(BEGIN + seconds * SECOND + 1).0, "{poll}");
     }
 }

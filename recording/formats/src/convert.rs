@@ -52,7 +52,7 @@ pub(crate) use ros::is_bag;
 pub use scale::Scale;
 pub use settings::{Settings, TimeSource};
 pub use text::means::{MeanRow, read_means};
-pub use unit::Linear;
+pub use unit::{Linear, acceleration_units, rate_units};
 
 use interval::{GAP, IntervalSteps};
 use isotherm_autopilot::logs::FoundImu;

@@ -237,14 +237,18 @@ fn a_first_calibration_of_another_unit_or_quantum_is_refused_with_both_numbers()
     let mut calibrated = warmed_up();
     calibrated.axes[2].bias = constant(150e3);
     calibrated.gyroscopes.as_mut().unwrap().axes[0].bias = constant(-5000.0);
-    let words = refusals_of_first([of_readings(), calibrated]);
-    assert_eq!(
-        words,
-        [
-            "A3 bias changes by 150000 ug0, from 0 to 150000 ug0 at 25; at most 100 mg0 is taken (max_change.bias)",
-            "G1 bias changes by 5000 deg/h, from 0 to -5000 deg/h at 25; at most 3600 deg/h is taken (max_change.rate)"
-        ]
+    let of_bias = "A3 bias changes by 150000 ug0, from 0 to 150000 ug0 at 25; at most 100 mg0 is taken (max_change.bias)";
+    // The whole offset of a gyroscope is new: it may be any that a table may have, unless a limit is given.
+    assert_eq!(refusals_of_first([of_readings(), calibrated.clone()]), [of_bias]);
+    calibrated.format = calibrated.least_format();
+    let difference = TableDifference::of(
+        &CoefficientTable::new(of_readings()).unwrap(),
+        &CoefficientTable::new(calibrated).unwrap().with_provenance(),
     );
+    let of_rate =
+        "G1 bias changes by 5000 deg/h, from 0 to -5000 deg/h at 25; at most 3600 deg/h is taken (max_change.rate)";
+    let given = MaxChange { rate: Some(3600.0), ..MaxChange::default() };
+    assert_eq!(given.refusals(&difference, 1.0), [of_bias, of_rate]);
     // The interval without its scale factors, and the scale factors without their interval, are a factor 2. Readings in
     // g and in degrees, and another unit of the sensor, change only the scale factors.
     let halved = refused(|content| content.nominal_interval_s = Some(0.005));

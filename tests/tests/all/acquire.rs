@@ -17,6 +17,7 @@ mod recording;
 mod seen;
 mod stamps;
 mod thermometer;
+mod units;
 
 use isotherm_client::RawSample;
 use isotherm_recording::RawCsvReader;

@@ -118,8 +118,8 @@ pub struct SensorColumns {
     pub gyroscope: Option<Sensors>,
     /// The temperature.
     pub temperature: Temperature,
-    /// The age at which the temperature of an acquisition's source is stale \[s\], which may be infinite; `None`: by its
-    /// pace.
+    /// The age at which the temperature of an acquisition's source is stale \[s\], which may be infinite; `None`: by
+    /// its pace.
     pub temperature_max_age_s: Option<f64>,
 }
 

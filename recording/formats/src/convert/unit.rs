@@ -17,6 +17,18 @@ pub(super) enum Quantity {
     Rate,
 }
 
+/// The units of accelerations that a mapping may name, with one of each \[m/s2\].
+#[must_use]
+pub fn acceleration_units() -> Vec<(f64, &'static str)> {
+    Quantity::Acceleration.choices()
+}
+
+/// The units of rates that a mapping may name, with one of each \[rad/s\].
+#[must_use]
+pub fn rate_units() -> Vec<(f64, &'static str)> {
+    Quantity::Rate.choices()
+}
+
 /// The unit that a header says.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum UnitWord {
