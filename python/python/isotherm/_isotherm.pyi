@@ -33,7 +33,6 @@ __all__ = [
     "IncrementReader",
     "Loan",
     "Polynomial",
-    "Readings",
     "Stability",
     "Table",
     "Triad",
@@ -80,6 +79,9 @@ class Acquisition:
     `serial` is the serial number of the device whose samples it sends. `lag` says which time constant their lagged
     temperature has: "service" that of the table in force, a number [s], or None: the library keeps no lag then. `kept`
     is how many control periods wait at most for a service that has no room or is away; each takes 256 bytes.
+    `resolution` is what one pulse over the nominal interval of the table stands for [m/s2, rad/s], such as (1e-6,
+    1e-7), if the samples are readings: then `fill` makes their pulses. Raises IsothermError if those are not the
+    table's.
 
     >>> samples = isotherm.read_recording("run.csv")
     >>> with isotherm.Acquisition("imu-a", timeout=5.0) as acquisition:
@@ -97,6 +99,7 @@ class Acquisition:
         serial: str | None = None,
         lag: Literal["service"] | float | None = "service",
         kept: int = 16384,
+        resolution: tuple[float, float] | None = None,
     ) -> Self: ...
     @property
     def imu(self) -> str:
@@ -129,6 +132,19 @@ class Acquisition:
         """
     def __enter__(self) -> Self: ...
     def __exit__(self, exception: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None, /) -> None: ...
+    def fill(self, sample: Loan, specific_force: _Temperature, angular_rate: _Temperature | None = None) -> None:
+        """Writes the pulses of a sample of readings: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each
+        the mean over the interval of the sample. Without `angular_rate` the gyroscopes become absent: no pulses, and
+        temperature NaN. What rounding leaves is carried to the next sample, so that nothing is lost over time.
+
+        The pulses are those of the table in force, with the `resolution` of the acquisition, whatever your own interval
+        is: the increment is right at any rate. An `interval_ns` of 0, as a loan has, becomes the nominal one. While no
+        table is known, or its pulses stand for something else, samples are invalid: they are sent with temperatures of
+        NaN, and a line on stderr says why.
+
+        Raises ValueError with the name of the sensor, and changes nothing, for a reading that is not finite or over
+        2**32 - 1 pulses.
+        """
     def begin_session(self) -> None:
         """Begins a new session: the next sample may have any sequence. What the temperatures have been is not known then,
         unless the lag is restored, or the IMU said to be soaked, after this.
@@ -403,45 +419,6 @@ class Increment:
         """Time from sending the sample to just before publishing [ns]."""
     def to_numpy(self) -> Records:
         """The same values as an array without dimensions."""
-
-@final
-class Readings:
-    """Turns readings in m/s2 and rad/s into the pulses of a sample. What rounding leaves is carried to the next sample, so
-    that nothing is lost over time.
-
-    `accelerometer` [m/s2] and `gyroscope` [rad/s], 1e-15 to 1e6, are what a pulse stands for over the nominal interval
-    `interval_ns`; the table's nominal scale factors are g0 / (resolution * interval). Raises ValueError if they cannot
-    be.
-
-    >>> readings = isotherm.Readings(accelerometer=1e-6, gyroscope=1e-7, interval_ns=2_500_000)
-    >>> with isotherm.Acquisition("imu-a") as acquisition:
-    ...     sample = acquisition.loan()
-    ...     readings.fill(sample, (0.12, -0.3, 9.81))
-    ...     print(sample.accelerometers.positive_pulses, sample.accelerometers.negative_pulses)
-    ...     sample.cancel()
-    (120000, 0, 9810000) (0, 300000, 0)
-    """
-
-    def __new__(cls, *, accelerometer: float, gyroscope: float, interval_ns: int) -> Self: ...
-    @property
-    def accelerometer(self) -> float:
-        """What one pulse of an accelerometer stands for [m/s2]."""
-    @property
-    def gyroscope(self) -> float:
-        """What one pulse of a gyroscope stands for [rad/s]."""
-    @property
-    def interval_ns(self) -> int:
-        """The nominal interval between two samples [ns]."""
-    def fill(self, sample: Loan, specific_force: _Temperature, angular_rate: _Temperature | None = None) -> None:
-        """Writes the pulses of a sample: three of `specific_force` [m/s2], and of `angular_rate` [rad/s], each the mean
-        over the sample's interval. Without `angular_rate` the gyroscopes become absent: no pulses, and temperature NaN.
-
-        An `interval_ns` of 0, as a loan has, becomes the nominal one; another one is kept, and the pulses are those of
-        that interval. Raises ValueError with the name of the sensor, and changes nothing, for a reading that is not
-        finite or over 2**32 - 1 pulses.
-        """
-    def reset(self) -> None:
-        """Forgets what rounding has left: for a new session, and after a gap."""
 
 @final
 class IncrementReader:
@@ -971,6 +948,7 @@ def convert(
     session: int,
     instance: int | None,
     part: tuple[str | None, str | None],
+    table: Table | None,
 ) -> tuple[_Bytes, list[str]]: ...
 def write_texts(texts: list[tuple[_Path, str]]) -> None: ...
 def write_ros(path: _Path, table: Table, increments: _Bytes, samples: _Bytes | None, table_file: _Path) -> None: ...
