@@ -1,7 +1,6 @@
 //! The way to the service: what is decoded is sent in order. What the service has no room for waits in the acquisition,
 //! half a minute of it; what comes before there is a service, or before a session may begin, waits here.
 
-use crate::description::Description;
 use crate::note::{AcquisitionNote, KeptLag};
 use crate::recorder::Recorder;
 use isotherm_client::{Acquisition, ConnectError, ImuId, Options, RawSample, monotonic_ns};
@@ -166,9 +165,9 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
+    /// `contradiction` is the exit code if the samples cannot be those of the table. `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
     pub(crate) fn new(
-        description: &Description,
+        (imu, contradiction): (ImuId, Exit),
         options: Options,
         interval_ns: Option<u64>,
         note: Option<AcquisitionNote>,
@@ -178,8 +177,9 @@ impl Link {
         let give_up = Some(options.timeout).filter(|timeout| !timeout.is_zero());
         let now = Instant::now();
         Self {
-            imu: description.imu.clone(),
-            contradiction: description.contradiction(),
+            imu,
+            contradiction,
+            pulse_ns: options.pulses.map_or(0, |pulses| pulses.interval_ns),
             options: Options {
                 timeout: Duration::ZERO,
                 kept: limits.connected.min(isotherm_client::MOST_KEPT),
@@ -201,7 +201,6 @@ impl Link {
             soaked: SoakSpan::default(),
             sent: LinkCounts::default(),
             handed_over: 0,
-            pulse_ns: description.timing.interval_ns,
             recorder,
         }
     }
@@ -376,17 +375,13 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message_queue::MessageQueue;
-    use crate::messages::MessageSettings;
     use isotherm_client::Domain;
 
     #[test]
     fn what_is_kept_is_bounded_in_time_and_number() {
         let of_interval = |interval_ns| {
             let options = Options::new(Domain::new("none", "/tmp/none").unwrap(), Duration::ZERO);
-            let description =
-                Description::of_messages(MessageSettings::of_tests(interval_ns), &MessageQueue::default());
-            Link::new(&description, options, Some(interval_ns), None, None)
+            Link::new(("imu-a".parse().unwrap(), Exit::Config), options, Some(interval_ns), None, None)
         };
         let limits = [3_000_000_000, 2_500_000, 100_000].map(|ns| of_interval(ns).limits);
         let expected = [(16, 16), (12_000, 400), (16_384, 10_000)];

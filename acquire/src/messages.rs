@@ -169,13 +169,19 @@ impl Description {
 }
 
 #[cfg(test)]
-impl MessageSettings {
-    /// Those of a test.
-    pub(crate) fn of_tests(interval_ns: u64) -> Self {
-        Self {
+mod tests {
+    use super::*;
+    use crate::message_queue::DeviceMessage;
+    use isotherm_support::failure::Exit;
+
+    const INTERVAL: u64 = 2_500_000;
+    const BEGIN: u64 = 1_000_000_000_000;
+
+    fn settings() -> MessageSettings {
+        MessageSettings {
             imu: "imu-a".parse().unwrap(),
             serial: None,
-            interval_ns,
+            interval_ns: INTERVAL,
             resolution: Resolution::default(),
             stamps: MessageStamps::Sample,
             has_gyroscopes: true,
@@ -185,21 +191,11 @@ impl MessageSettings {
             temperature_max_age_s: None,
         }
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::message_queue::DeviceMessage;
-    use isotherm_support::failure::Exit;
-
-    const INTERVAL: u64 = 2_500_000;
-    const BEGIN: u64 = 1_000_000_000_000;
 
     /// The samples of messages that come at these times with these stamps, and how many sessions they have.
     fn samples(messages: impl Iterator<Item = [u64; 2]>) -> (Vec<RawSample>, u64) {
         let queue = MessageQueue::default();
-        let description = Description::of_messages(MessageSettings::of_tests(INTERVAL), &queue);
+        let description = Description::of_messages(settings(), &queue);
         let source = Messages::new(&queue, MessageStamps::Sample);
         let mut intake = Intake::new(&description, 0.0, true);
         let mut samples = Vec::new();
@@ -222,7 +218,7 @@ mod tests {
     #[test]
     fn messages_at_another_rate_end_it_for_now() {
         let queue = MessageQueue::default();
-        let description = Description::of_messages(MessageSettings::of_tests(INTERVAL), &queue);
+        let description = Description::of_messages(settings(), &queue);
         let source = Messages::new(&queue, MessageStamps::Sample);
         let mut intake = Intake::new(&description, 0.0, true);
         let refused = (0..200).find_map(|number: u64| {

@@ -111,7 +111,7 @@ pub fn run(description: &Description, settings: RunSettings) -> Result<Tally, Fa
             let pulses = Some(description.pulses(&settings.sysfs));
             let options = Options { serial: description.serial.clone(), pulses, ..options.clone() };
             let kept = source.is_live().then_some(description.timing.interval_ns);
-            Sink::Service(Box::new(Link::new(description, options, kept, note, recorder)))
+            Sink::Service(Box::new(Link::new((imu, description.contradiction()), options, kept, note, recorder)))
         }
         Target::Rows(limit) => Sink::Rows(Box::new(PrintedRows::new(imu, limit, recorder)?)),
     };

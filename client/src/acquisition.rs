@@ -20,6 +20,7 @@ use crate::kept::Kept;
 use crate::lag::AcquisitionLag;
 use crate::loan::{InFlight, Loan, LoanMergeError, LoanPlace, SendError, TransportError, transport};
 use crate::process::Process;
+use crate::source_pulses::SamplePulses;
 use crate::table_watch::TableWatch;
 use crate::transport::ports::Payload as _;
 use core::mem::{self, ManuallyDrop};
@@ -28,7 +29,6 @@ use isotherm_shared::protocol::{AcquisitionState, Refusal, queue_depth};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, device};
 use joining::{Answer, Question, start_helper};
 use ports::AcquisitionPorts;
-use readings::SamplePulses;
 use std::hash::{BuildHasher as _, RandomState};
 use std::rc::Rc;
 
@@ -113,7 +113,7 @@ impl Acquisition {
             clock: Clock::new(),
             lag: AcquisitionLag::new(options.lag),
             watch: TableWatch::default(),
-            pulses: SamplePulses::new(options),
+            pulses: SamplePulses::new(options.resolution, options.pulses),
             kept: Kept::new(options.kept),
             is_line_full: false,
             prepared: false,

@@ -1,6 +1,6 @@
 //! What the pulses of a source are, so that they can be those of the table in force.
 
-use isotherm_shared::readings::Resolution;
+use isotherm_shared::readings::{Readings, Resolution};
 use isotherm_shared::table::{PulseMismatch, PulseScale};
 use isotherm_shared::wire::RawSample;
 
@@ -49,6 +49,35 @@ impl SourcePulses {
         let triads = [&mut sample.accelerometers, &mut sample.gyroscopes];
         for (triad, _) in triads.into_iter().zip(self.are_readings).filter(|(_, are_readings)| *are_readings) {
             triad.rescale(from_ns as f64 / to_ns as f64);
+        }
+    }
+}
+
+/// What the pulses of an acquisition are.
+#[derive(Debug)]
+pub(crate) struct SamplePulses {
+    pub source: SourcePulses,
+    /// The interval for which readings become pulses \[ns\]; 0 while no table says it.
+    pub interval_ns: u64,
+    /// Whether they are not those of the table in force, so that samples are invalid.
+    pub is_unfit: bool,
+    /// Of an acquisition whose pulses are made by [`Acquisition::fill`](crate::Acquisition::fill).
+    pub readings: Option<Readings>,
+}
+
+impl SamplePulses {
+    /// Those of readings of this resolution, or of this source; `None` if nothing is known of them.
+    pub(crate) fn new(resolution: Option<Resolution>, source: Option<SourcePulses>) -> Option<Self> {
+        let readings = |resolution: Resolution| Readings::new(resolution, 0);
+        let source = resolution.map(SourcePulses::of_readings).or(source)?;
+        let readings = resolution.map(readings);
+        Some(Self { source, interval_ns: 0, is_unfit: true, readings })
+    }
+
+    /// Forgets what rounding has left.
+    pub(crate) const fn reset(&mut self) {
+        if let Some(readings) = &mut self.readings {
+            readings.reset();
         }
     }
 }

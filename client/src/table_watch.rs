@@ -41,7 +41,7 @@ impl TableWatch {
         let in_force = status.imus.iter().find(|known| known.id == imu.as_str());
         self.settled = in_force.map_or(0, ImuStatus::table_id);
         self.seen = self.settled;
-        self.known = in_force.and_then(PulseScale::of_status).map_or(KnownTable::None, KnownTable::Of);
+        self.known = in_force.and_then(ImuStatus::pulse_scale).map_or(KnownTable::None, KnownTable::Of);
         in_force
     }
 

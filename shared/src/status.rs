@@ -1,7 +1,8 @@
 //! The status document, which the service publishes as JSON on the stream `isotherm/status`.
 
 use crate::names::Domain;
-use crate::table::{Axis, CoefficientTable};
+use crate::nominal::nominal_ns;
+use crate::table::{Axis, CoefficientTable, PulseScale};
 use crate::wire::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -324,6 +325,16 @@ impl ImuStatus {
     pub fn table_id(&self) -> u64 {
         let digits = self.table.as_deref().and_then(|digest| digest.strip_prefix("sha256:")?.get(..16));
         digits.and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or(0)
+    }
+
+    /// The nominal interval of the table in force, and what one pulse stands for; `None` without a table.
+    #[must_use]
+    pub fn pulse_scale(&self) -> Option<PulseScale> {
+        Some(PulseScale {
+            nominal_ns: self.nominal_interval_s.map_or(0, nominal_ns),
+            velocity: self.pulse_velocity?,
+            angle: self.gyroscopes.as_ref().map(|gyroscopes| gyroscopes.pulse_angle),
+        })
     }
 
     /// Which time constant the last sample has, in words, if that is not the one of the table in force. The transient

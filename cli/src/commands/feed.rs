@@ -287,7 +287,7 @@ impl ServedTable {
             limits: imu.as_ref().and_then(ReadingLimits::of_status),
             gyroscopes: imu.as_ref().is_some_and(|imu| imu.gyroscopes.is_some()),
             table: imu.as_ref().map_or(0, ImuStatus::table_id),
-            pulses: imu.as_ref().and_then(PulseScale::of_status),
+            pulses: imu.as_ref().and_then(ImuStatus::pulse_scale),
         })
     }
 }

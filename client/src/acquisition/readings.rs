@@ -3,44 +3,14 @@
 use super::Acquisition;
 use crate::connect::Options;
 use crate::error::ConnectError;
-use crate::source_pulses::SourcePulses;
 use crate::status::fetch_status;
 use crate::table_watch::KnownTable;
 use crate::warning::warn;
-use isotherm_shared::readings::{ReadingError, Readings, Resolution};
+use isotherm_shared::readings::ReadingError;
 use isotherm_shared::status::ServiceStatus;
 use isotherm_shared::table::PulseMismatch;
 use isotherm_shared::wire::{AXES, RawSample};
 use std::time::Duration;
-
-/// What the pulses of an acquisition are.
-#[derive(Debug)]
-pub(super) struct SamplePulses {
-    source: SourcePulses,
-    /// The interval for which readings become pulses \[ns\]; 0 while no table says it.
-    interval_ns: u64,
-    /// Whether they are not those of the table in force, so that samples are invalid.
-    is_unfit: bool,
-    /// Of an acquisition whose pulses are made by [`Acquisition::fill`].
-    readings: Option<Readings>,
-}
-
-impl SamplePulses {
-    /// Those of these options; `None` if nothing is known of them.
-    pub(super) fn new(options: &Options) -> Option<Self> {
-        let readings = |resolution: Resolution| Readings::new(resolution, 0);
-        let source = options.resolution.map(SourcePulses::of_readings).or(options.pulses)?;
-        let readings = options.resolution.map(readings);
-        Some(Self { source, interval_ns: 0, is_unfit: true, readings })
-    }
-
-    /// Forgets what rounding has left.
-    pub(super) const fn reset(&mut self) {
-        if let Some(readings) = &mut self.readings {
-            readings.reset();
-        }
-    }
-}
 
 impl Acquisition {
     /// Writes the pulses of a sample: `specific_force` \[m/s2\] along A1, A2, A3, and `angular_rate` \[rad/s\] about

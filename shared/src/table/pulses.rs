@@ -2,8 +2,7 @@
 
 use super::content::Axis;
 use super::model::CoefficientTable;
-use crate::nominal::{comparable, nominal_ns};
-use crate::status::ImuStatus;
+use crate::nominal::comparable;
 use crate::units::{ARCSEC, SensorKind};
 use crate::wire::AXES;
 
@@ -40,16 +39,6 @@ impl PulseScale {
             velocity: content.axes.each_ref().map(|axis| pulse(axis, content.gravity)),
             angle: content.gyroscopes.as_ref().map(|of| of.axes.each_ref().map(|axis| pulse(axis, ARCSEC))),
         }
-    }
-
-    /// That of the table that is in force by a status; `None` without a table.
-    #[must_use]
-    pub fn of_status(imu: &ImuStatus) -> Option<Self> {
-        Some(Self {
-            nominal_ns: imu.nominal_interval_s.map_or(0, nominal_ns),
-            velocity: imu.pulse_velocity?,
-            angle: imu.gyroscopes.as_ref().map(|gyroscopes| gyroscopes.pulse_angle),
-        })
     }
 
     /// Whether one pulse of a source, \[m/s\] of its accelerometers and \[rad\] of its gyroscopes, is one of the table:

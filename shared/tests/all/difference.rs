@@ -237,7 +237,8 @@ fn a_first_calibration_of_another_unit_or_quantum_is_refused_with_both_numbers()
     let mut calibrated = warmed_up();
     calibrated.axes[2].bias = constant(150e3);
     calibrated.gyroscopes.as_mut().unwrap().axes[0].bias = constant(-5000.0);
-    let of_bias = "A3 bias changes by 150000 ug0, from 0 to 150000 ug0 at 25; at most 100 mg0 is taken (max_change.bias)";
+    let of_bias =
+        "A3 bias changes by 150000 ug0, from 0 to 150000 ug0 at 25; at most 100 mg0 is taken (max_change.bias)";
     // The whole offset of a gyroscope is new: it may be any that a table may have, unless a limit is given.
     assert_eq!(refusals_of_first([of_readings(), calibrated.clone()]), [of_bias]);
     calibrated.format = calibrated.least_format();
