@@ -237,8 +237,8 @@ fn readings_of_any_rate_have_the_same_value_with_one_table() {
                 sums[1][axis] += reading[axis] * interval_ns / 1e9;
             }
         }
-        for axis in 0..3 {
-            let off = sums[0][axis] - sums[1][axis];
+        for (axis, (is, right)) in sums[0].iter().zip(sums[1]).enumerate() {
+            let off = is - right;
             assert!(off.abs() <= 0.501 * 1e-6 * 0.005, "{rate_hz} Hz, the sum of axis {axis} is {off} m/s off");
         }
         // Converted for the table, the recording has the same pulses.

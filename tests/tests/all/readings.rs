@@ -79,9 +79,9 @@ fn an_increment_has_the_value_of_the_reading_at_every_rate() {
                 sums[1][3 + axis] += rate[axis] * seconds;
             }
         }
-        for sensor in 0..6 {
+        for (sensor, (is, right)) in sums[0].iter().zip(sums[1]).enumerate() {
             let half = if sensor < 3 { 0.5e-6 } else { 0.5e-7 } * table_ns as f64 / 1e9;
-            let off = (sums[0][sensor] - sums[1][sensor]).abs();
+            let off = (is - right).abs();
             assert!(off <= 1.001 * half, "{interval_ns}: the sum of sensor {sensor} is {off} off");
         }
     }
