@@ -165,7 +165,8 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// `contradiction` is the exit code if the samples cannot be those of the table. `interval_ns` is that of samples which come at their time; `None`: they wait for the service, all of them.
+    /// `contradiction` is the exit code if the samples cannot be those of the table. `interval_ns` is that of samples
+    /// which come at their time; `None`: they wait for the service, all of them.
     pub(crate) fn new(
         (imu, contradiction): (ImuId, Exit),
         options: Options,

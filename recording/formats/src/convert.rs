@@ -521,18 +521,24 @@ impl Conversion {
     /// The next row, with its place: line or message.
     pub(crate) fn next_row(&mut self) -> Result<Option<(u64, RawSample)>, RecordingError> {
         let Some(reading) = self.input.next()? else {
-            self.check_pulses()?;
+            if self.rows > 0 {
+                self.check_pulses()?;
+            }
             return Ok(None);
         };
         let sample = self.sample(&reading).map_err(|message| self.error(reading.place, message))?;
         self.read_rows += 1;
+        if self.read_rows == 1 {
+            // Before anything is sent, as far as the first row says what the numbers are.
+            self.check_pulses()?;
+        }
         Ok(Some((reading.place, sample)))
     }
 
-    /// Refuses pulses that are not those of the table. At the end, when the unit of the numbers is known.
+    /// Refuses pulses that are not those of the table, as far as the rows so far say what the numbers are.
     fn check_pulses(&self) -> Result<(), RecordingError> {
         let source = &self.input.source;
-        let Some(table) = self.pulses.table.filter(|_| self.rows > 0) else { return Ok(()) };
+        let Some(table) = self.pulses.table else { return Ok(()) };
         let counts = if source.are_counts() { table.check_counts(self.nominal_ns) } else { Ok(()) };
         let weights = source.units().map_or([None; 2], |Units { resolution, .. }| {
             let seconds = |is_reading: bool| self.pulses.interval_ns(is_reading) as f64 / 1e9;
