@@ -407,9 +407,10 @@ flags! {
     of_a_sample {
         /// The interval is 0 or longer than an hour. The increments are NaN.
         INTERVAL = 18, "Give the measured control period in `interval_ns`, in nanoseconds.";
-        /// The IMU is served without a table (`--allow-uncalibrated`). The increments are NaN.
+        /// The IMU is served without a table (`--allow-uncalibrated`), or its table has another nominal interval than
+        /// the one before, and sources learn that for a second. The increments are NaN.
         NO_TABLE = 19,
-            "`status` says why: the file is absent or refused, and no table from before is kept. Install a good file, which is loaded without a \
+            "After a second it ends by itself if there is a table. Otherwise `status` says why: the file is absent or refused, and no table from before is kept. Install a good file, which is loaded without a \
              restart, or accept the file that is there with `reload`.";
         /// The temperature is older than the table's `max_age_s`, or newer than the end of the control period by as
         /// much; or `isotherm acquire` or the node of ROS 2 holds it for stale. It is not flagged by its age if that is

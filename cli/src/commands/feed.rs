@@ -98,6 +98,8 @@ impl Feed {
         }
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { no_bar(&[], "") };
+        let input = (ImuChoice::Prefer(self.imu.clone()), self.foreign.read()?);
+        let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
         let sink = Output::create_live(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
@@ -106,12 +108,9 @@ impl Feed {
         let options = |timeout| Options { lag: LagOption::None, ..options(domain.clone(), timeout) };
         let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
         let served = ServedTable::ask(&self.imu, &options(self.timeout))?;
-        let mut foreign = self.foreign.read()?;
-        foreign.settings.table = served.pulses;
-        let input = (ImuChoice::Prefer(self.imu.clone()), foreign);
-        let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         samples.set_lag(self.lag.ns.unwrap_or(served.lag_ns));
         samples.set_limits(served.limits);
+        samples.set_table(served.pulses);
         let layout = IncrementLayout { gyroscopes: served.gyroscopes, delivery: self.delivery };
         let writer = match IncrementCsvWriter::new(sink, layout) {
             Ok(writer) => writer,

@@ -61,7 +61,7 @@ use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, Units, Vehi
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::names::ImuId;
-use isotherm_shared::table::Nominal;
+use isotherm_shared::table::{Nominal, PulseScale};
 use isotherm_shared::wire::{AXES, MAX_INTERVAL_NS, RawSample, Triad};
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, name};
@@ -551,6 +551,11 @@ impl Conversion {
                 Failure::new(Exit::Data, format!("{}: {mismatch}", shown(&self.path))).at(&self.path, None),
             )
         })
+    }
+
+    /// Sets the table that the rows are for.
+    pub(crate) const fn set_table(&mut self, table: Option<PulseScale>) {
+        self.pulses.table = table;
     }
 
     /// Takes a row that is not left out.

@@ -1,10 +1,13 @@
 //! Readings in m/s2 and rad/s: at every rate an increment has the value of the reading, whatever interval the table is
 //! of, and samples that are not those of the table are invalid.
 
-use isotherm_client::{Acquisition, CompensatedIncrement, ConnectError, Flags, Options, RawSample, Resolution, Triad};
+use isotherm_client::{
+    Acquisition, CompensatedIncrement, ConnectError, Flags, Loan, Options, RawSample, Resolution, Triad,
+};
 use isotherm_shared::readings::Readings;
 use isotherm_shared::table::{Nominal, nominal_table};
-use isotherm_tests::{TIMEOUT, TestDomain, id, wait_until};
+use isotherm_tests::{TIMEOUT, TestDomain, id, text, wait_until};
+use std::fs;
 use std::time::Duration;
 
 const RESOLUTION: Resolution = Resolution { accelerometer: 1e-6, gyroscope: 1e-7 };
@@ -38,13 +41,19 @@ fn set_temperature(sample: &mut RawSample) {
     }
 }
 
-/// Serves a period.
-fn period(acquisition: &mut Acquisition, number: u64, interval_ns: u64) -> CompensatedIncrement {
+/// A sample of this reading.
+fn filled(acquisition: &mut Acquisition, number: u64, interval_ns: u64) -> Loan {
     let mut sample = acquisition.loan().unwrap();
     (sample.timestamp_ns, sample.interval_ns) = ((number + 1) * interval_ns, interval_ns);
     let (force, rate) = reading(number);
     acquisition.fill(&mut sample, force, Some(rate)).unwrap();
     set_temperature(&mut sample);
+    sample
+}
+
+/// Serves a period.
+fn period(acquisition: &mut Acquisition, number: u64, interval_ns: u64) -> CompensatedIncrement {
+    let sample = filled(acquisition, number, interval_ns);
     acquisition.compensate(sample, TIMEOUT).unwrap()
 }
 
@@ -129,17 +138,9 @@ fn what_was_kept_gets_the_pulses_of_the_table_that_it_meets() {
     let mut acquisition = connect(&domain, RESOLUTION).unwrap();
     period(&mut acquisition, 0, 5_000_000);
     service.terminate();
-    let fill = |acquisition: &mut Acquisition, number: u64| {
-        let mut sample = acquisition.loan().unwrap();
-        (sample.timestamp_ns, sample.interval_ns) = ((number + 1) * 5_000_000, 5_000_000);
-        let (force, rate) = reading(number);
-        acquisition.fill(&mut sample, force, Some(rate)).unwrap();
-        set_temperature(&mut sample);
-        sample
-    };
     let mut sent = 100;
     for number in 1..sent {
-        let sample = fill(&mut acquisition, number);
+        let sample = filled(&mut acquisition, number, 5_000_000);
         acquisition.keep(sample).unwrap();
     }
     install(&domain, &nominal(2_500_000, RESOLUTION));
@@ -155,7 +156,7 @@ fn what_was_kept_gets_the_pulses_of_the_table_that_it_meets() {
         }
         acquisition.send_kept().unwrap();
         if acquisition.in_flight() == 0 && last != Some(true) {
-            let sample = fill(&mut acquisition, sent);
+            let sample = filled(&mut acquisition, sent, 5_000_000);
             acquisition.send(sample).unwrap();
             sent += 1;
         }
@@ -205,5 +206,43 @@ fn pulses_of_a_program_stay_as_they_are() {
     *sample = RawSample { session: sample.session, sequence: sample.sequence, ..raw };
     let increment = acquisition.compensate(sample, TIMEOUT).unwrap();
     assert!((increment.specific_force()[2] - force[2] / 2.0).abs() < 1e-5, "{increment:?}");
+    service.terminate();
+}
+
+/// Data of another program at rates that are not the table's: what `feed` gets from the service is what `replay` makes.
+#[test]
+fn feed_and_replay_make_the_same_of_readings_at_another_rate() {
+    let domain = TestDomain::new();
+    domain.write("imu-a.toml", &nominal(5_000_000, RESOLUTION));
+    let sensors = |names: &str, unit: &str, resolution: &str| {
+        format!("columns = [{names}]\nkind = \"reading\"\nunit = \"{unit}\"\nresolution = {resolution}\n")
+    };
+    let accelerometer = sensors("\"ax\", \"ay\", \"az\"", "m/s2", "1e-6");
+    let gyroscope = sensors("\"gx\", \"gy\", \"gz\"", "rad/s", "1e-7");
+    let mapping = format!(
+        "format = 1\n[time]\ncolumn = \"time\"\nunit = \"s\"\n[accelerometer]\n{accelerometer}[gyroscope]\n{gyroscope}\
+         [temperature]\ncolumns = [\"t\", \"t\", \"t\"]\n"
+    );
+    domain.write("m.toml", &mapping);
+    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
+    for interval_ns in INTERVALS_NS {
+        let line = |number: u64| {
+            let ([ax, ay, az], [gx, gy, gz]) = reading(number);
+            let seconds = ((number + 1) * interval_ns) as f64 / 1e9;
+            format!("{seconds:.9},{ax:.8},{ay:.8},{az:.8},{gx:.9},{gy:.9},{gz:.9},25.0\n")
+        };
+        let lines: String = (0..300).map(line).collect();
+        domain.write("data.csv", &format!("time,ax,ay,az,gx,gy,gz,t\n{lines}"));
+        domain.run_ok(&["feed", "--imu", "imu-a", "data.csv", "--mapping", "m.toml", "-o", "fed.csv"]);
+        domain.run_ok(&["replay", "--table", "imu-a.toml", "data.csv", "--mapping", "m.toml", "-o", "replayed.csv"]);
+        let [fed, replayed] = ["fed.csv", "replayed.csv"].map(|name| fs::read_to_string(domain.path(name)).unwrap());
+        assert!(fed == replayed && fed.lines().count() == 301, "{interval_ns}");
+    }
+    // Another resolution is refused before anything is sent.
+    let received = domain.imu_status()["received"].clone();
+    domain.write("m.toml", &mapping.replace("1e-6", "1e-5"));
+    let output = domain.run(&["feed", "--imu", "imu-a", "data.csv", "--mapping", "m.toml", "-o", "refused.csv"]);
+    assert_eq!(output.status.code(), Some(65), "{}", text(&output.stderr));
+    assert_eq!(domain.imu_status()["received"], received);
     service.terminate();
 }

@@ -10,6 +10,7 @@ use crate::convert::{Conversion, Foreign, is_bag};
 use isotherm_recording::Progress;
 use isotherm_recording::columns::{GYROSCOPES, LAG_NS, RAW, store};
 use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingError, SET_POINT, SequenceRule};
+use isotherm_shared::table::PulseScale;
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_support::failure::Failure;
 use isotherm_support::source::DataSource;
@@ -247,6 +248,13 @@ impl PieceSource {
     pub(super) fn begin_after(&mut self, last_ns: u64) {
         if let Self::Foreign(conversion, ..) = self {
             conversion.begin_after(last_ns);
+        }
+    }
+
+    /// Sets the table that rows of foreign data are for.
+    pub(super) fn set_table(&mut self, table: Option<PulseScale>) {
+        if let Self::Foreign(conversion, ..) = self {
+            conversion.set_table(table);
         }
     }
 

@@ -14,7 +14,7 @@ use isotherm_recording::foreign::VehicleState;
 use isotherm_recording::{CampaignRow, Layout, LogImu, Progress, RecordingError, SequenceRule};
 use isotherm_shared::lag::{LagCompletion, ReadingLimits};
 use isotherm_shared::names::ImuId;
-use isotherm_shared::table::Nominal;
+use isotherm_shared::table::{Nominal, PulseScale};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::finding::{Finding, Location, name};
@@ -161,6 +161,14 @@ impl Recording {
     /// Sets which temperatures of all further rows are readings of the lag, by the table.
     pub const fn set_limits(&mut self, limits: Option<ReadingLimits>) {
         self.lag.set_limits(limits);
+    }
+
+    /// Sets the table that all rows of readings are for. Call it before the first row.
+    pub fn set_table(&mut self, table: Option<PulseScale>) {
+        self.current.source.set_table(table);
+        if let Some(foreign) = &mut self.input.foreign {
+            foreign.settings.table = table;
+        }
     }
 
     /// The next row. At the end of a piece, opens the next one.
@@ -458,6 +466,11 @@ impl Samples {
     /// As [`Recording::set_limits`].
     pub const fn set_limits(&mut self, limits: Option<ReadingLimits>) {
         self.0.set_limits(limits);
+    }
+
+    /// As [`Recording::set_table`].
+    pub fn set_table(&mut self, table: Option<PulseScale>) {
+        self.0.set_table(table);
     }
 
     /// When the recorder received the last sample, Unix time \[ns\]; `None` where the recording does not show it.
