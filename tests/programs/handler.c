@@ -12,10 +12,10 @@ extern void *__libc_calloc(size_t count, size_t size);
 extern void *__libc_realloc(void *block, size_t size);
 extern void __libc_free(void *block);
 
-/* Not atomic: this program has one thread. */
-static volatile unsigned long counted;
+/* Of each thread: a helper thread of the library allocates as it likes. */
+static __thread volatile unsigned long counted;
 /* Whether the next allocation is interrupted. */
-static volatile sig_atomic_t interrupted;
+static __thread volatile sig_atomic_t interrupted;
 
 static void count(void)
 {

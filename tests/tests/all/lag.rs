@@ -324,9 +324,16 @@ fn a_service_that_is_stopped_while_an_acquisition_connects_is_asked_later() {
     service.stop();
     let mut acquisition = connect(&domain, LagOption::Service, None);
     assert_eq!(acquisition.lag().state().lag_ns, 0);
-    service.resume();
+    // What is sent before the service answers has no lag.
     let mut samples = whole_recording(100_000).into_iter();
-    assert!(is_lag_unknown(&feed(&mut acquisition, &samples.next().unwrap())));
+    let first = samples.next().unwrap();
+    acquisition.lag().follow(&first);
+    let mut loan = acquisition.loan().unwrap();
+    *loan = RawSample { session: loan.session, ..first };
+    acquisition.send(loan).unwrap();
+    service.resume();
+    let increment = acquisition.receive_timeout(TIMEOUT).unwrap().unwrap();
+    assert!(is_lag_unknown(&increment));
     wait_until("the time constant", || !is_lag_unknown(&feed(&mut acquisition, &samples.next().unwrap())));
     assert_eq!(acquisition.lag().state().lag_ns, LAG_NS);
     service.terminate();
