@@ -39,7 +39,8 @@ impl Acquisition {
             self.rejoin_after_ns = REJOIN_NS;
             return;
         }
-        let Some(ports) = &self.ports else { return };
+        // While it leaves, another look would put that off.
+        let Some(ports) = self.ports.as_ref().filter(|_| self.leaves_by_ns.is_none()) else { return };
         if now >= self.next_look_ns && self.helper.is_free() {
             self.next_look_ns = now + LOOK_NS;
             let service = publisher_of(&ports.increments).filter(|_| silence_ns >= self.rejoin_after_ns);
