@@ -1,12 +1,11 @@
 //! Which tables were in force before, and the state folder that keeps them over a restart.
 //!
-//! For each IMU the folder has up to three files, each a table:
+//! For each IMU the folder has up to two files, each a table:
 //!
 //! | name | what |
 //! |---|---|
 //! | `IMU.toml` | the table that was in force last |
 //! | `IMU.anchor.toml` | the anchor, with which small steps are compared |
-//! | `IMU.gyroscopes.toml` | the last table with gyroscopes, while the one in force has none |
 //!
 //! The anchor is the table of the first start, the first calibration after a nominal table, or the last table that was
 //! accepted by its digest.
@@ -35,8 +34,6 @@ pub(crate) struct KeptTables {
     pub in_force: Option<Arc<CoefficientTable>>,
     /// The table of the first start, the first calibration after a nominal table, or the last one that was accepted.
     pub anchor: Option<Arc<CoefficientTable>>,
-    /// The last table with gyroscopes, if the one in force has none.
-    pub gyroscopes: Option<Arc<CoefficientTable>>,
     /// The table that was kept last, if it cannot be read.
     pub forgotten: Option<ForgottenTable>,
 }
@@ -77,18 +74,12 @@ impl KeptTables {
     /// Notes that this table is in force now. It becomes the anchor if it was accepted, if there is none, or if it is
     /// the first calibration after a nominal one.
     pub(crate) fn take(&mut self, table: &Arc<CoefficientTable>, accepted: bool) {
-        let has_gyroscopes = |table: &Arc<CoefficientTable>| table.content().gyroscopes.is_some();
         // The same table without its digest is no unsealed table yet, so that none can follow it unnoticed.
         let is_unsealed = |before: &&Arc<CoefficientTable>| {
             before.digest() == table.digest() && before.is_sealed() && !table.is_sealed()
         };
         let table = &self.in_force.as_ref().filter(is_unsealed).unwrap_or(table).clone();
-        let before = self.in_force.replace(Arc::clone(table));
-        if has_gyroscopes(table) {
-            self.gyroscopes = None;
-        } else {
-            self.gyroscopes = before.filter(has_gyroscopes).or(self.gyroscopes.take());
-        }
+        self.in_force = Some(Arc::clone(table));
         if accepted || self.anchor.as_ref().is_none_or(|anchor| table.is_first_calibration_after(anchor)) {
             self.anchor = Some(Arc::clone(table));
         }
@@ -136,12 +127,9 @@ impl StateFolder {
         };
         let in_force = read(&format!("{imu}.toml"));
         let anchor = read(&format!("{imu}.anchor.toml")).or_else(|| in_force.clone());
-        let gyroscopes = read(&format!("{imu}.gyroscopes.toml"));
-        let gyroscopes =
-            gyroscopes.filter(|_| in_force.as_ref().is_some_and(|table| table.content().gyroscopes.is_none()));
         let noted = if in_force.is_none() { noted_digest(domain, imu) } else { None };
         let forgotten = noted.map(|digest| ForgottenTable { digest: Some(digest), is_pending: false });
-        (KeptTables { in_force, anchor, gyroscopes, forgotten }, faults)
+        (KeptTables { in_force, anchor, forgotten }, faults)
     }
 
     /// The text of the configuration that was kept of the file at this path; `None` if there is none that can be
@@ -205,21 +193,12 @@ impl StateFolder {
     /// The operating system's; what was kept before is then kept.
     pub(crate) fn store(&self, imu: &ImuId, memory: &KeptTables, kept: &KeptTables) -> io::Result<()> {
         self.make()?;
-        let files = [
-            ("anchor.toml", &memory.anchor, &kept.anchor),
-            ("gyroscopes.toml", &memory.gyroscopes, &kept.gyroscopes),
-            ("toml", &memory.in_force, &kept.in_force),
-        ];
+        let files = [("anchor.toml", &memory.anchor, &kept.anchor), ("toml", &memory.in_force, &kept.in_force)];
         for (ending, table, before) in files {
-            let path = self.0.join(format!("{imu}.{ending}"));
-            match table {
-                Some(table) if before.as_ref().is_some_and(|before| is_same(before, table)) => {}
-                Some(table) => replace(&path, &text_of(table))?,
-                None if before.is_some() => fs::remove_file(&path).or_else(|error| match error.kind() {
-                    io::ErrorKind::NotFound => Ok(()),
-                    _ => Err(error),
-                })?,
-                None => {}
+            if let Some(table) = table
+                && !before.as_ref().is_some_and(|before| is_same(before, table))
+            {
+                replace(&self.0.join(format!("{imu}.{ending}")), &text_of(table))?;
             }
         }
         Ok(())

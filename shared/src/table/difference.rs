@@ -315,25 +315,6 @@ impl TableDifference {
         self.incomparable.push(incomparable.to_owned());
     }
 
-    /// The difference of the gyroscopes of two tables of one IMU, if both have gyroscopes and the same unit of the
-    /// temperature; otherwise nothing.
-    #[must_use]
-    pub fn of_gyroscopes(old: &CoefficientTable, new: &CoefficientTable) -> Self {
-        let terms = Terms {
-            stated: StatedLimits::of(old, new),
-            is_first: new.is_first_calibration_after(old),
-            multipliers: scale_multipliers(old, new).unwrap_or([1.0; 2]),
-        };
-        let (old, new) = (old.content(), new.content());
-        let mut found = Self::default();
-        if let (Some(from), Some(to)) = (&old.gyroscopes, &new.gyroscopes)
-            && old.temperature_unit == new.temperature_unit
-        {
-            found.gyroscopes([(from, old.gravity), (to, new.gravity)], &terms);
-        }
-        found
-    }
-
     fn gyroscopes(&mut self, [(from, old_gravity), (to, new_gravity)]: [(&Gyroscopes, f64); 2], terms: &Terms<'_>) {
         self.sensors(SensorKind::Gyroscope, [(&from.axes, old_gravity), (&to.axes, new_gravity)], terms);
         for (axis, pair) in from.g_sensitivity.iter().zip(&to.g_sensitivity).enumerate() {
