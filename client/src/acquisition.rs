@@ -103,7 +103,7 @@ impl Acquisition {
     pub fn connect(imu: &ImuId, options: &Options) -> Result<Self, ConnectError> {
         let deadline = deadline(options.timeout);
         let (domain, mut node) = (&options.domain, None);
-        let ports = retry_until(deadline, || AcquisitionPorts::attach(&mut node, domain, imu, deadline))?;
+        let ports = retry_until(deadline, || AcquisitionPorts::attach(&mut node, domain, imu))?;
         let (service, depth) = ports.service().ok_or_else(|| ConnectError::NoService(domain.name().to_owned()))?;
         let mut acquisition = Self {
             imu: imu.clone(),
@@ -365,14 +365,12 @@ impl Acquisition {
         if let Some(spare) = &mut ports.spare {
             *spare.payload_mut() = RawSample::default();
         }
-        if let Some(rehearsal) = &mut ports.rehearsal {
-            let (clock, lag) = (&mut self.clock, &mut self.lag);
-            rehearsal.go(&CompensatedIncrement::default(), |_, raw| {
-                *raw = RawSample::default();
-                lag.fill(raw);
-                raw.sent_ns = clock.now();
-            });
-        }
+        let (clock, lag) = (&mut self.clock, &mut self.lag);
+        ports.rehearsal.go(&CompensatedIncrement::default(), |_, raw| {
+            *raw = RawSample::default();
+            lag.fill(raw);
+            raw.sent_ns = clock.now();
+        });
         ports.connect();
     }
 

@@ -35,7 +35,6 @@ impl ArrivalEvent {
         };
         let listener = event.listener_builder().create().map_err(|error| match error {
             ListenerCreateError::ExceedsMaxSupportedListeners => {
-                node.try_cleanup_dead_nodes();
                 failed(format!("{INCREMENT_SUBSCRIBERS} processes wait for the increments of {imu} already"))
             }
             other => failed(other.to_string()),

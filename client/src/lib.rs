@@ -128,8 +128,8 @@ pub use peers::{
 pub use process::Process;
 pub use reader::{IncrementReader, RawReader, Reader};
 pub use realtime::{Realtime, RealtimeError, process_kb};
-pub use rehearsal::{Rehearsal, RehearsalError, RehearsalStreams};
-pub use resources::{check_descriptors, check_room, note_memory, reserve};
+pub use rehearsal::Rehearsal;
+pub use resources::{check_descriptors, check_room, note_memory};
 pub use source_pulses::SourcePulses;
 pub use status::{StatusError, StatusNote, StatusReader, fetch_status};
 pub use tap::{Tap, TapSettings, TappedSample};

@@ -8,7 +8,6 @@ use crate::connect::{Options, deadline, retry_until};
 use crate::error::ConnectError;
 use crate::heartbeat::SharedStatus;
 use crate::helper::MovedPorts;
-use crate::resources::reserve;
 use crate::status::StatusError;
 use crate::transport::ports::{Incoming, Payload, copied};
 use core::mem;
@@ -30,6 +29,10 @@ const POLL: Duration = Duration::from_micros(200);
 const EVENT_RETRY: Duration = Duration::from_secs(1);
 /// Pause between two looks whether the reader was cut off from the stream, while nothing comes \[ns\].
 const LOOK_NS: u64 = 250_000_000;
+
+/// So often the event is lowered after something came, where the queue is empty; then after each pause \[ns\].
+const LOOKS: u8 = 2;
+const LOWERING_NS: u64 = 5_000_000;
 
 /// Reads the increments of one IMU as they are published: for navigation and loggers.
 ///
@@ -82,6 +85,9 @@ pub struct Reader<T: Payload> {
     next_look_ns: u64,
     /// Whether anything has come since the last look.
     has_received: bool,
+    /// How often the event is yet lowered at once where the queue is empty, and when it is lowered next \[ns\].
+    looks_left: u8,
+    next_lowering_ns: u64,
     /// For a caller that polls the event by itself. It stays the same when the reader joins the stream again.
     descriptor: Option<OwnedFd>,
     /// That of all readers of the process.
@@ -120,6 +126,8 @@ impl<T: Payload> Reader<T> {
             heartbeat_ns: None,
             next_look_ns: 0,
             has_received: false,
+            looks_left: 0,
+            next_lowering_ns: 0,
             descriptor: None,
             status: None,
             ports,
@@ -191,16 +199,30 @@ impl<T: Payload> Reader<T> {
     /// [`ConnectError`] if connecting cannot succeed (another user's domain, no reader place free) or reading fails.
     pub fn receive(&mut self) -> Result<Option<T>, ConnectError> {
         let received = self.next()?;
-        let polls = self.descriptor.is_some() && received.is_none();
-        if polls {
-            self.find_event();
-        }
-        let Some(arrival) = self.arrival().filter(|_| polls) else {
+        if received.is_some() || self.descriptor.is_none() {
             return Ok(received);
-        };
-        // What comes after the event is lowered raises it again.
-        arrival.lower();
+        }
+        self.find_event();
+        if !self.may_be_raised() {
+            return Ok(None);
+        }
+        if let Some(arrival) = self.arrival() {
+            // What comes after the event is lowered raises it again.
+            arrival.lower();
+        }
         self.next()
+    }
+
+    /// Whether the event may be raised although the queue is empty: the service raises it after it has published. Where
+    /// it did so late, the second look finds that, or one some milliseconds later.
+    fn may_be_raised(&mut self) -> bool {
+        let now = coarse_ns();
+        if self.looks_left == 0 && now < self.next_lowering_ns {
+            return false;
+        }
+        self.looks_left = self.looks_left.saturating_sub(1);
+        self.next_lowering_ns = now + LOWERING_NS;
+        true
     }
 
     fn next(&mut self) -> Result<Option<T>, ConnectError> {
@@ -217,7 +239,7 @@ impl<T: Payload> Reader<T> {
                 self.look_for_loss(now);
                 return Ok(None);
             };
-            self.has_received = true;
+            (self.has_received, self.looks_left) = (true, LOOKS);
             let period = received.period();
             let at_ns = self.times.of(period.timestamp_ns, coarse_ns());
             if self.state.first_time(period.session, period.sequence) {
@@ -265,7 +287,7 @@ impl<T: Payload> Reader<T> {
     /// Opens the event of a connected reader, if its stream has one.
     fn listen(&mut self) -> Result<(), ConnectError> {
         let Some(ports) = self.ports.as_mut().filter(|ports| ports.arrival.is_none()) else { return Ok(()) };
-        ports.listen(&self.domain, &self.imu)?;
+        ports.listen(&self.imu)?;
         self.watch_event()
     }
 
@@ -352,10 +374,7 @@ impl<T: Payload> Reader<T> {
         let status = match &self.status {
             Some(status) => status,
             None => match SharedStatus::of(&self.domain).map_err(unread) {
-                Ok(status) => {
-                    reserve(&self.domain)?;
-                    self.status.insert(status)
-                }
+                Ok(status) => self.status.insert(status),
                 Err(ConnectError::NoService(_)) => return Ok(None),
                 Err(error) => return Err(error),
             },

@@ -10,45 +10,9 @@
 //! rehearsed sample can get into a real stream.
 
 use crate::error::{ConnectError, shortage};
-use crate::transport::nodes;
 use crate::transport::ports::{Outgoing, Payload, Publisher, Subscriber};
-use crate::transport::stream::{self, IpcNode, RehearsalNames, Stream};
+use crate::transport::stream::IpcNode;
 use core::fmt;
-use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::port::subscriber::SubscriberCreateError;
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use isotherm_shared::names::ImuId;
-use isotherm_shared::wire::{CompensatedIncrement, RawSample};
-use std::thread;
-use std::time::{Duration, Instant};
-
-/// How long an acquisition waits for the place of a dead predecessor. The service frees the place of one that was
-/// killed while it took it, after three searches, one a second.
-const PLACE_TIMEOUT: Duration = Duration::from_secs(4);
-/// Pause between two attempts.
-const RETRY: Duration = Duration::from_millis(5);
-
-/// The two streams over which a process rehearses.
-#[derive(Debug)]
-pub struct RehearsalStreams {
-    /// Carries raw samples.
-    pub raw: Stream<RawSample>,
-    /// Carries increments.
-    pub increments: Stream<CompensatedIncrement>,
-}
-
-impl RehearsalStreams {
-    /// Opens the streams, which the service has created.
-    ///
-    /// # Errors
-    /// Those of the transport.
-    pub fn open(node: &IpcNode, names: &RehearsalNames) -> Result<Self, PublishSubscribeOpenError> {
-        Ok(Self {
-            raw: stream::open_raw(node, &names.raw)?,
-            increments: stream::open_increment(node, &names.increment)?,
-        })
-    }
-}
 
 /// The ports of a process's rehearsals, at both ends of two streams: `I` is what the process receives, `O` what it
 /// sends.
@@ -62,17 +26,17 @@ pub struct Rehearsal<I: Payload, O: Payload> {
 }
 
 impl<I: Payload, O: Payload> Rehearsal<I, O> {
-    /// Opens the ports on streams that only this process uses.
+    /// Makes the streams and the ports. Only this node has them.
     ///
     /// # Errors
-    /// Why the transport gave no port.
-    pub fn open(incoming: &Stream<I>, outgoing: &Stream<O>) -> Result<Self, RehearsalError> {
-        let (sink, sender) = (subscriber(outgoing)?, publisher(outgoing)?);
-        let (receiver, source) = (subscriber(incoming)?, publisher(incoming)?);
-        let mut rehearsal = Self { spare: O::loan(&sender).ok(), outgoing: sender, incoming: receiver, source, sink };
+    /// [`ConnectError::Exhausted`] and [`ConnectError::Transport`].
+    pub fn open(node: &IpcNode) -> Result<Self, ConnectError> {
+        let (sender, sink) = ends::<O>(node)?;
+        let (source, incoming) = ends::<I>(node)?;
+        let mut rehearsal = Self { spare: O::loan(&sender).ok(), outgoing: sender, incoming, source, sink };
         // The first one makes the connections, with memory and system calls.
         rehearsal.go(&I::default(), |_, _| ());
-        shortage().map_or(Ok(rehearsal), |full| Err(RehearsalError::Other(full.to_string())))
+        shortage().map_or(Ok(rehearsal), Err)
     }
 
     /// Goes through the motions once: receives `input`, makes the output from it, and sends that. Takes less than a
@@ -101,57 +65,12 @@ impl<I: Payload, O: Payload> fmt::Debug for Rehearsal<I, O> {
     }
 }
 
-/// Why there are no ports for rehearsals.
-#[derive(Debug, thiserror::Error)]
-pub enum RehearsalError {
-    /// Another process, which may be dead, has the place.
-    #[error("another process has the place")]
-    Taken,
-    /// Anything else.
-    #[error("{0}")]
-    Other(String),
-}
-
-fn publisher<T: Payload>(stream: &Stream<T>) -> Result<Publisher<T>, RehearsalError> {
-    T::publisher(stream, 2).map_err(|error| match error {
-        PublisherCreateError::ExceedsMaxSupportedPublishers => RehearsalError::Taken,
-        other => RehearsalError::Other(other.to_string()),
-    })
-}
-
-fn subscriber<T: Payload>(stream: &Stream<T>) -> Result<Subscriber<T>, RehearsalError> {
-    T::subscriber(stream, None).map_err(|error| match error {
-        SubscriberCreateError::ExceedsMaxSupportedSubscribers => RehearsalError::Taken,
-        other => RehearsalError::Other(other.to_string()),
-    })
-}
-
-/// The rehearsals of an acquisition; `None` if the service has no streams for them, as one of an earlier version, or if
-/// the place of a dead predecessor does not get free in time.
-///
-/// # Errors
-/// [`ConnectError::Exhausted`].
-pub(crate) fn of_acquisition(
-    node: &IpcNode,
-    imu: &ImuId,
-    deadline: Instant,
-) -> Result<Option<Rehearsal<CompensatedIncrement, RawSample>>, ConnectError> {
-    let deadline = deadline.min(Instant::now() + PLACE_TIMEOUT);
-    loop {
-        match RehearsalStreams::open(node, &RehearsalNames::of_acquisition(imu)) {
-            Err(PublishSubscribeOpenError::DoesNotExist) => return Ok(None),
-            Err(_) => {}
-            Ok(streams) => match Rehearsal::open(&streams.increments, &streams.raw) {
-                Ok(rehearsal) => return Ok(Some(rehearsal)),
-                Err(_) => match shortage() {
-                    Some(full) => return Err(full),
-                    None => nodes::clean(node),
-                },
-            },
-        }
-        if Instant::now() > deadline {
-            return Ok(None);
-        }
-        thread::sleep(RETRY);
-    }
+/// Both ends of a stream that only this node has.
+fn ends<T: Payload>(node: &IpcNode) -> Result<(Publisher<T>, Subscriber<T>), ConnectError> {
+    let failed =
+        |error: String| shortage().unwrap_or_else(|| ConnectError::transport("opening a stream of rehearsals", error));
+    let stream = T::create_rehearsal(node).map_err(|error| failed(error.to_string()))?;
+    let subscriber = T::subscriber(&stream, None).map_err(|error| failed(error.to_string()))?;
+    let publisher = T::publisher(&stream, 2).map_err(|error| failed(error.to_string()))?;
+    Ok((publisher, subscriber))
 }

@@ -2,12 +2,11 @@
 //!
 //! The kernel allocates a page of shared memory when it is first touched. If none is left then, it ends the process by
 //! SIGBUS. So the free space is checked before anything is created, and created objects get all their pages before
-//! anything is written to them ([`crate::transport::own_storage`]); those that other programs have created, here.
+//! anything is written to them ([`crate::transport::own_storage`]).
 
 use crate::error::{ConnectError, free_shared_memory, shared_memory_full};
-use crate::objects::{Note, SHARED_MEMORY, own_files};
+use crate::objects::{Note, SHARED_MEMORY};
 use crate::peers::is_alive;
-use crate::transport::own_storage::allocate_pages;
 use crate::transport::stream::IpcNode;
 use isotherm_shared::names::Domain;
 use rustix::fs::{Access, access};
@@ -54,21 +53,6 @@ pub fn check_room(imus: usize) -> Result<(), ConnectError> {
         )));
     }
     if free_shared_memory().is_some_and(|free| free < needed) { Err(shared_memory_full(needed)) } else { Ok(()) }
-}
-
-/// Makes the kernel allocate all pages of this user's shared memory of `domain` now, so that none can be missing later.
-///
-/// # Errors
-/// [`ConnectError::Exhausted`] if there is not enough.
-pub fn reserve(domain: &Domain) -> Result<(), ConnectError> {
-    for object in own_files(SHARED_MEMORY, &domain.prefix()).filter(|object| object.missing() > 0) {
-        // Another process is just removing or creating the object; this process does not need it.
-        let Ok(file) = object.open() else { continue };
-        if !allocate_pages(&file, object.size()) {
-            return Err(shared_memory_full(object.missing()));
-        }
-    }
-    Ok(())
 }
 
 /// The note of the service: the device of its shared memory, and its node.

@@ -17,15 +17,13 @@ def _() -> str:
     drawing = Drawing("Round trip of a whole IMU divided by that of bare iceoryx2")
     drawing.heading(
         "Round trip through the service, over bare iceoryx2",
-        "Waiting strategy spin. Below 1 the service is faster: it rehearses",
-        "its path before each sample. Ratios of one run with 95 % intervals,",
-        "from docs/figures.md.",
+        "Below 1 the service is faster: it rehearses its path before each",
+        "sample. Medians of five runs, with their range, from docs/figures.md.",
     )
-    names = {"plain": "bare iceoryx2, plain", "rehearsed too": "bare iceoryx2, rehearsed too"}
     rate = ""
     left, right, high = 128, WIDTH - 58, 1.5
-    for row, colour in zip(rows, ("own", "third"), strict=True):
-        drawing.heading(f"compared with {names.get(row[0], row[0])}")
+    for row, colour in zip(rows, ("own", "third", "own", "third"), strict=True):
+        drawing.heading(row[0].replace("`", ""))
         top = drawing.y
         for title, cell in zip(titles, row[1:], strict=True):
             rate = title.rsplit(" ", 1)[0] if " " in title else rate
@@ -37,7 +35,7 @@ def _() -> str:
 
             drawing.text(left - 8, y + 15, f"{rate}, {title.split(' ')[-1]}", "small", "end")
             drawing.box(left, y, place(value) - left, 20, colour, 2)
-            drawing.line([(place(low), y + 10), (place(upper), y + 10)], "ink-line thick")
+            drawing.line([(place(low), y + 10), (place(min(upper, high)), y + 10)], "ink-line thick")
             drawing.text(WIDTH - 12, y + 15, f"{value:.2f}", "bold small", "end")
             drawing.y += 28
         drawing.line([(left, top), (left, drawing.y)], "rim-line")

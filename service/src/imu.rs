@@ -16,7 +16,7 @@ use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::transport::stream::{self, Ipc, IpcNode};
-use isotherm_client::{Domain, RehearsalStreams, last_closing, unix_s};
+use isotherm_client::{Domain, last_closing, unix_s};
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
@@ -100,8 +100,6 @@ impl PendingImu {
         let wake = stream::open_event(node, &stream::wake_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
         let arrival =
             stream::open_event(node, &stream::arrival_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
-        let rehearsal = RehearsalStreams::open(node, &stream::RehearsalNames::of_acquisition(&imu.id))
-            .map_err(|error| failed(error.to_string()))?;
         let is_memory_pending = guard.memory().is_pending();
         let request = first.map(|(table, admission)| {
             guard.taken(&table, admission);
@@ -122,7 +120,6 @@ impl PendingImu {
             increments,
             wake,
             arrival,
-            rehearsal,
             windows: LatencyWindows::default(),
             tables,
             logged: LoggedLosses::default(),
@@ -165,8 +162,6 @@ pub(crate) struct ImuState {
     pub wake: event::PortFactory<Ipc>,
     /// The open event of published increments: to count who waits, and to find the ports of dead processes.
     pub arrival: event::PortFactory<Ipc>,
-    /// The open streams of the acquisition's rehearsals: to find the ports of dead processes.
-    pub rehearsal: RehearsalStreams,
     /// Latency in the last second and in the last minute.
     pub windows: LatencyWindows,
     tables: TableQueue,
@@ -292,10 +287,8 @@ impl ImuState {
 
     /// All ports of its streams.
     pub(crate) fn ports(&self) -> Vec<Port> {
-        let RehearsalStreams { raw, increments } = &self.rehearsal;
-        let rehearsal = [ports_of(raw), ports_of(increments)].concat();
         let events = [ports_of_event(&self.wake), ports_of_event(&self.arrival)].concat();
-        [ports_of(&self.raw), ports_of(&self.increments), events, rehearsal].concat()
+        [ports_of(&self.raw), ports_of(&self.increments), events].concat()
     }
 
     /// Whether a reader waits for its increments.

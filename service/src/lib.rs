@@ -32,7 +32,6 @@ mod keeper;
 mod leftovers;
 mod lock;
 pub mod logging;
-mod login;
 mod memory;
 mod reload;
 mod session;

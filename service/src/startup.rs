@@ -15,9 +15,9 @@ use crate::status::StatusPublisher;
 use crate::systemd::ServiceManager;
 use crate::worker::Worker;
 use crate::worker::channel::ChannelLink;
-use crate::{create, leftovers, login, start, threads};
+use crate::{create, leftovers, start, threads};
 use isotherm_client::transport::stream::IpcNode;
-use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, note_memory, reserve};
+use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, note_memory};
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -163,10 +163,6 @@ impl Startup {
                 keeper.keep(number, request);
             }
             imus.push(imu);
-        }
-        reserve(domain)?;
-        if let Some(warning) = login::warning() {
-            warn!("{warning}");
         }
         Ok(Some((node, publisher, workers, imus)))
     }

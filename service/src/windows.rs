@@ -71,15 +71,16 @@ mod tests {
         };
         assert_eq!((windows.second(), windows.minute()), (None, None));
         for second in 0..=60 {
-            record(1000 + second);
-            record(10);
+            // Smaller than 64: each is the upper end of its bucket.
+            record(second);
+            record(0);
             windows.end_second(reader.latency(), 2 * (second + 1), second as f64);
             assert_eq!((windows.samples(), windows.last_sample_unix_s()), (2, Some(second as f64)));
             let last = windows.second().unwrap();
-            assert_eq!((last.count, last.max), (2, 1000 + second));
+            assert_eq!((last.count, last.max), (2, second));
         }
         let minute = windows.minute().unwrap();
-        assert_eq!((minute.count, minute.p50, minute.max), (120, 10, 1060));
+        assert_eq!((minute.count, minute.p50, minute.max), (120, 0, 60));
         assert_eq!(reader.latency().summary().unwrap().count, 122);
         windows.end_second(reader.latency(), 122, 99.0);
         assert_eq!((windows.samples(), windows.last_sample_unix_s()), (0, Some(60.0)));

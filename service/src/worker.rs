@@ -30,7 +30,6 @@ mod turns;
 pub mod wait;
 
 use crate::config::{Config, Strategy};
-use crate::create::Creator;
 use channel::{Channel, ChannelLink};
 use counters::{HeartbeatReader, HeartbeatWriter, heartbeat};
 use isotherm_client::transport::stream::RAW_DEPTH;
@@ -181,7 +180,7 @@ fn open(
     let node = join(domain)?;
     let budget_ns = (config.budget_us * 1e3) as u64;
     // Before the channels: when these are open, clients take the service for ready.
-    let rehearsals = Rehearsals::open(&node, &Creator::new(&node, domain), index, links.len())?;
+    let rehearsals = Rehearsals::open(&node, links.len())?;
     let (mut channels, mut ports) = (Vec::with_capacity(links.len()), Vec::with_capacity(links.len()));
     for link in links.into_iter().take_while(|_| order.present() != STOP) {
         let (mut channel, wake) = Channel::open(&node, domain, link, budget_ns)?;

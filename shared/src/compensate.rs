@@ -24,12 +24,14 @@
 //! table: no filter, no state, no clock, no allocation, no panic for any bit pattern. An infinite result becomes NaN;
 //! the coefficients of no real IMU give one inside the ranges.
 
+use crate::kernel::Evaluation;
 use crate::nominal::interval_fits;
 use crate::polynomial::{Polynomial, Side};
 use crate::table::{Axis, CoefficientTable, Content, OutOfRange};
 use crate::units::{ARCSEC, Bias, NegativeScaleFactor, PositiveScaleFactor};
 use crate::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use nalgebra::Matrix3;
+use std::sync::Arc;
 
 /// The answer to a raw sample, without the delivery part: `latency_ns` is 0 and no delivery flag is set.
 ///
@@ -60,10 +62,48 @@ pub fn answer(table: Option<&CoefficientTable>, raw: &RawSample) -> CompensatedI
 /// Writes the [`answer`] to a raw sample; equation (17). Without a table all increments are NaN, flagged
 /// [`Flags::NO_TABLE`].
 ///
-/// It is compiled here, once, and not again in each crate that calls it. It writes each field once, to where the answer
-/// has to be: a copy would wait for these writes.
-#[inline(never)]
+/// It writes each field once, to where the answer has to be: a copy would wait for these writes.
 pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment: &mut CompensatedIncrement) {
+    answer_with(&mut Evaluation::default(), table, raw, increment);
+}
+
+/// Answers the samples of a stream with one table. It evaluates bias and scale factors anew only where a temperature
+/// differs from that of the sample before: a thermometer gives one value for many samples. The answers are those of
+/// [`answer_into`], bit for bit.
+#[derive(Clone, Debug)]
+pub struct Compensator {
+    table: Arc<CoefficientTable>,
+    evaluation: Evaluation,
+}
+
+impl Compensator {
+    /// One for this table.
+    #[must_use]
+    pub fn new(table: Arc<CoefficientTable>) -> Self {
+        Self { table, evaluation: Evaluation::default() }
+    }
+
+    /// The table.
+    #[must_use]
+    pub fn table(&self) -> &CoefficientTable {
+        &self.table
+    }
+
+    /// Writes the [`answer`] to a raw sample; equation (17).
+    #[inline]
+    pub fn answer_into(&mut self, raw: &RawSample, increment: &mut CompensatedIncrement) {
+        answer_with(&mut self.evaluation, Some(&self.table), raw, increment);
+    }
+}
+
+/// It is compiled here, once, and not again in each crate that calls it. The evaluation is of the table.
+#[inline(never)]
+fn answer_with(
+    evaluation: &mut Evaluation,
+    table: Option<&CoefficientTable>,
+    raw: &RawSample,
+    increment: &mut CompensatedIncrement,
+) {
     increment.session = raw.session;
     increment.sequence = raw.sequence;
     increment.timestamp_ns = raw.timestamp_ns;
@@ -82,7 +122,7 @@ pub fn answer_into(table: Option<&CoefficientTable>, raw: &RawSample, increment:
         lagged: raw.lag_ns != 0 && raw.lag_ns == kernel.lag_ns,
     };
     let mut flags;
-    let usual = if period.valid { kernel.usual(raw, period.lagged, period.ts) } else { None };
+    let usual = if period.valid { kernel.usual(evaluation, raw, period.lagged, period.ts) } else { None };
     if let Some((dv, da)) = usual {
         (increment.velocity_increment, increment.angle_increment) = (dv, da);
         flags = if kernel.has_transients && !period.lagged { Flags::LAG_UNKNOWN } else { Flags::default() };

@@ -6,7 +6,7 @@
 //! coefficients, and `0 * x + c` is `c` for the finite `x` inside a range. (The sign of a bias that is 0 may differ. It
 //! changes no increment while K+ is positive, which is checked for each sample.)
 //!
-//! All functions of a sample's way are inlined into [`answer_into`](crate::compensate::answer_into), and all their
+//! All functions of a sample's way are inlined into one of [`compensate`](crate::compensate), and all their
 //! loops are over indices: a generic function of the standard library that is not marked for inlining would be a call,
 //! for each number, where the compiler splits this crate.
 #![expect(clippy::needless_range_loop, reason = "loops over indices are inlined by every profile")]
@@ -104,16 +104,22 @@ impl Kernel {
     /// therefore finite, every difference of the lagged temperature can be used, every scale factor and result is
     /// finite, and no pulse rate is near its limit.
     #[inline(always)]
-    pub(crate) fn usual(&self, raw: &RawSample, lagged: bool, ts: f64) -> Option<([f64; AXES], [f64; AXES])> {
+    pub(crate) fn usual(
+        &self,
+        evaluation: &mut Evaluation,
+        raw: &RawSample,
+        lagged: bool,
+        ts: f64,
+    ) -> Option<([f64; AXES], [f64; AXES])> {
         let ts = f64x2::splat(ts);
         match &self.sensors {
             Sensors::Accelerometers(lanes) => {
-                let ([a12, a33], check) = lanes.indicated(raw, lagged, ts);
+                let ([a12, a33], check) = lanes.indicated(evaluation, raw, lagged, ts);
                 let dv = self.velocity([a12, a33]);
                 check.passed(dv).then(|| (array(dv), [f64::NAN; AXES]))
             }
             Sensors::Whole(lanes, terms) => {
-                let ([a12, a3g1, g23], check) = lanes.indicated(raw, lagged, ts);
+                let ([a12, a3g1, g23], check) = lanes.indicated(evaluation, raw, lagged, ts);
                 let ([a3, g1], [g2, g3]) = (a3g1.to_array(), g23.to_array());
                 let dv = self.velocity([a12, f64x2::splat(a3)]);
                 let da = terms.angle(axes(&[g1, g2, g3]), [dv[0] / self.gravity, dv[1] / self.gravity]);
@@ -271,25 +277,36 @@ impl<const P: usize> Lanes<P> {
     /// What the sensors indicate over Ts \[s\] less the bias, `(N+/K+ + N-/K-) - bias * Ts`, in g0*s or arcsec; right
     /// if the check passes.
     #[inline(always)]
-    fn indicated(&self, raw: &RawSample, lagged: bool, ts: f64x2) -> (Pairs<P>, Check) {
+    fn indicated(&self, evaluation: &mut Evaluation, raw: &RawSample, lagged: bool, ts: f64x2) -> (Pairs<P>, Check) {
         let (a, g) = (&raw.accelerometers, &raw.gyroscopes);
         let positive: Pairs<P> = pulses(&a.positive_pulses, &g.positive_pulses);
         let negative: Pairs<P> = pulses(&a.negative_pulses, &g.negative_pulses);
         let head: Pairs<P> = all_sensors(&a.head_temperature, &g.head_temperature);
         let board: Pairs<P> = all_sensors(&a.board_temperature, &g.board_temperature);
+        if !evaluation.is_of(&head, &board) {
+            self.evaluate(evaluation, &head, &board);
+        }
         let (a, g) = if lagged { (&a.head_lagged, &g.head_lagged) } else { (&a.head_temperature, &g.head_temperature) };
-        let mut difference: Pairs<P> = all_sensors(a, g);
+        let lagged: Pairs<P> = all_sensors(a, g);
+        let ([bias, k_plus, k_minus], mut signs) = (&evaluation.values, evaluation.signs);
+        let mut indicated = positive;
+        for i in 0..P {
+            let difference = lagged[i] - head[i];
+            signs |= self.max_lag_difference[i] - difference.abs();
+            signs |= self.rate[i] * ts - (positive[i] + negative[i]);
+            let bias = (bias[i] + self.transient[i] * difference) * self.bias_unit[i];
+            indicated[i] = (positive[i] / k_plus[i] + negative[i] / k_minus[i]) - bias * ts;
+        }
+        (indicated, Check { signs, sum: evaluation.sum })
+    }
+
+    /// Evaluates the polynomials.
+    #[inline(always)]
+    fn evaluate(&self, evaluation: &mut Evaluation, head: &Pairs<P>, board: &Pairs<P>) {
         // Differences of which none is negative if all is usual: their signs show it. A NaN can have any sign: the sum
         // below or the results show it.
-        let mut signs = f64x2::ZERO;
-        for i in 0..P {
-            difference[i] -= head[i];
-            signs |= (head[i] - self.head[0][i]) | (self.head[1][i] - head[i]);
-            signs |= (board[i] - self.board[0][i]) | (self.board[1][i] - board[i]);
-            signs |= self.max_lag_difference[i] - difference[i].abs();
-            signs |= self.rate[i] * ts - (positive[i] + negative[i]);
-        }
-        let mut x = [head, board, board];
+        let (mut signs, mut sum) = (f64x2::ZERO, f64x2::ZERO);
+        let mut x = [*head, *board, *board];
         if !self.plain {
             for quantity in 0..QUANTITIES {
                 for i in 0..P {
@@ -307,14 +324,49 @@ impl<const P: usize> Lanes<P> {
                 }
             }
         }
-        let ([bias, k_plus, k_minus], mut indicated, mut sum) = (values, positive, f64x2::ZERO);
         for i in 0..P {
-            let bias = (bias[i] + self.transient[i] * difference[i]) * self.bias_unit[i];
-            indicated[i] = (positive[i] / k_plus[i] + negative[i] / k_minus[i]) - bias * ts;
-            signs |= k_plus[i];
-            sum += (k_plus[i] - k_minus[i]) + (head[i] + board[i]);
+            signs |= (head[i] - self.head[0][i]) | (self.head[1][i] - head[i]);
+            signs |= (board[i] - self.board[0][i]) | (self.board[1][i] - board[i]);
+            signs |= values[1][i];
+            sum += (values[1][i] - values[2][i]) + (head[i] + board[i]);
+            (evaluation.head[i], evaluation.board[i]) = (head[i], board[i]);
+            for quantity in 0..QUANTITIES {
+                evaluation.values[quantity][i] = values[quantity][i];
+            }
         }
-        (indicated, Check { signs, sum })
+        (evaluation.signs, evaluation.sum) = (signs, sum);
+    }
+}
+
+/// Bias, K+ and K- of every sensor at the temperatures of a sample, for the next sample of the same temperatures: a
+/// thermometer gives one value for many samples. It is of one table.
+#[derive(Clone, Debug)]
+pub(crate) struct Evaluation {
+    head: Pairs<WHOLE>,
+    board: Pairs<WHOLE>,
+    values: [Pairs<WHOLE>; QUANTITIES],
+    /// The parts of the [`Check`] that temperatures decide.
+    signs: f64x2,
+    sum: f64x2,
+}
+
+impl Default for Evaluation {
+    /// An evaluation that no sample has.
+    fn default() -> Self {
+        let none = [f64x2::splat(f64::from_bits(u64::MAX)); WHOLE];
+        Self { head: none, board: none, values: [none; QUANTITIES], signs: none[0], sum: none[0] }
+    }
+}
+
+impl Evaluation {
+    /// Whether it is of these temperatures, bit for bit.
+    #[inline(always)]
+    fn is_of<const P: usize>(&self, head: &Pairs<P>, board: &Pairs<P>) -> bool {
+        let mut differs = f64x2::ZERO;
+        for i in 0..P {
+            differs |= (head[i] ^ self.head[i]) | (board[i] ^ self.board[i]);
+        }
+        differs.to_array().map(f64::to_bits) == [0; 2]
     }
 }
 

@@ -33,7 +33,7 @@ const TIMEOUT: Duration = Duration::from_secs(120);
 struct Count(&'static str, Program, &'static str, f64);
 
 const COUNTS: [Count; 5] = [
-    Count("isothermd: kernel", Program::Daemon, "isotherm_shared::compensate::answer_into", 560.0),
+    Count("isothermd: kernel", Program::Daemon, "isotherm_shared::compensate::answer_with", 400.0),
     Count("isothermd: publish", Program::Daemon, "isotherm_client::transport::ports::Payload>::publish", 1600.0),
     Count("C library: loan", Program::Acquisition, "isotherm_loan", 110.0),
     Count("C library: send", Program::Acquisition, "isotherm_send", 2110.0),

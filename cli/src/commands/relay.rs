@@ -6,7 +6,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::BackpressureStrategy;
 use isotherm_client::transport::nodes;
 use isotherm_client::transport::stream::{INCREMENT_DEPTH, Ipc, IpcNode, create_increment, increment_name};
-use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object, reserve};
+use isotherm_client::{CompensatedIncrement, Domain, ImuId, IncrementReader, join, removed_object};
 use isotherm_service::create::{CreateError, Creator};
 use isotherm_service::logging::{self, LogFormat};
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -70,7 +70,6 @@ impl Relay {
         let node = join(&to)?;
         let imus: Result<Vec<_>, _> = self.imu.into_iter().map(|imu| RelayedImu::open(imu, from, &to, &node)).collect();
         let mut imus = imus?;
-        reserve(&to)?;
         info!(from = from.name(), to = to.name(), prefix = to.prefix(), root_path = to.root_path(), "ready");
         let mut due = Instant::now() + HOUSEKEEPING;
         while !stop.load(Ordering::Relaxed) {

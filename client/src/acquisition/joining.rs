@@ -13,7 +13,7 @@ use isotherm_shared::names::{Domain, ImuId};
 use isotherm_shared::status::ServiceStatus;
 use std::sync::Arc;
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Pause between two attempts to join the streams anew.
 const JOIN_PAUSE: Duration = Duration::from_millis(20);
@@ -70,7 +70,7 @@ fn is_cut_off(imu: &ImuId, domain: &Domain, objects: &OwnObjects, silence: Optio
 fn join(imu: &ImuId, domain: &Domain, is_closing: &dyn Fn() -> bool) -> Option<AcquisitionPorts> {
     let (mut node, mut last_cause) = (None, String::new());
     while !is_closing() {
-        match AcquisitionPorts::attach(&mut node, domain, imu, Instant::now()) {
+        match AcquisitionPorts::attach(&mut node, domain, imu) {
             Ok(ports) => {
                 // Here, so that the first sample has nothing to connect.
                 ports.connect();

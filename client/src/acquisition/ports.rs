@@ -6,8 +6,7 @@ use crate::loan::{TransportError, transport};
 use crate::loss::OwnObjects;
 use crate::objects::refuse_foreign;
 use crate::peers::{depth_of, pid_of, publisher_of};
-use crate::rehearsal::{self, Rehearsal};
-use crate::resources::reserve;
+use crate::rehearsal::Rehearsal;
 use crate::transport::ports::{
     Incoming, Outgoing, Payload as _, Publisher, Subscriber, connect_listeners, notifier, notify,
 };
@@ -21,7 +20,6 @@ use isotherm_shared::protocol::queue_depth;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Samples that the caller may have on loan, not sent yet.
 const LOANS: usize = 4;
@@ -29,9 +27,7 @@ const LOANS: usize = 4;
 /// The ports of an acquisition, and their node.
 #[derive(Debug)]
 pub(super) struct AcquisitionPorts {
-    /// `None` if the service has no streams for it, as one of an earlier version, or if a dead predecessor's places did
-    /// not get free.
-    pub rehearsal: Option<Rehearsal<CompensatedIncrement, RawSample>>,
+    pub rehearsal: Rehearsal<CompensatedIncrement, RawSample>,
     /// Loaned in advance.
     pub spare: Option<Outgoing<RawSample>>,
     /// The last increment, which has been read but not returned.
@@ -50,13 +46,8 @@ pub(super) struct AcquisitionPorts {
 
 impl AcquisitionPorts {
     /// Takes the places of the acquisition of an IMU, with this node, or one that it makes: where an attempt fails, the
-    /// next one has it. Waits no longer than until `deadline`, for the places of its rehearsals.
-    pub(super) fn attach(
-        kept_node: &mut Option<IpcNode>,
-        domain: &Domain,
-        imu: &ImuId,
-        deadline: Instant,
-    ) -> Result<Self, ConnectError> {
+    /// next one has it. Does not wait.
+    pub(super) fn attach(kept_node: &mut Option<IpcNode>, domain: &Domain, imu: &ImuId) -> Result<Self, ConnectError> {
         let node = match kept_node.take() {
             Some(node) => node,
             None => join_existing(domain)?,
@@ -74,8 +65,6 @@ impl AcquisitionPorts {
 
         let publisher = RawSample::publisher(&raw, LOANS + 2).map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                // A dead acquisition occupies the only place until its node is cleaned up.
-                node.try_cleanup_dead_nodes();
                 let other = publisher_of(&raw).and_then(|(_, node)| pid_of(domain, node));
                 ConnectError::Occupied { imu: imu.clone(), pid: other }
             }
@@ -84,18 +73,11 @@ impl AcquisitionPorts {
         // Enough for each service that may come.
         let subscriber = CompensatedIncrement::subscriber(&increments, Some(queue_depth(RAW_DEPTH)));
         let subscriber = subscriber.map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                // Dead readers occupy their places until their nodes are cleaned up.
-                node.try_cleanup_dead_nodes();
-                ConnectError::no_room(domain, imu, &increments)
-            }
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => ConnectError::no_room(domain, imu, &increments),
             other => ConnectError::transport("subscribing to the increment stream", other),
         })?;
         let notifier = notifier(&wake).map_err(|error| ConnectError::transport("creating the notifier", error))?;
-        // At once, and again with the streams of rehearsals, whose places it may have to wait for.
-        reserve(domain)?;
-        let rehearsal = rehearsal::of_acquisition(node, imu, deadline)?;
-        reserve(domain)?;
+        let rehearsal = Rehearsal::open(node)?;
         let streams = [raw.service_hash(), increments.service_hash(), wake.service_hash()];
         let objects = OwnObjects::of(domain, node, &streams, vec![publisher.id().value(), subscriber.id().value()]);
         Ok(Self {

@@ -7,8 +7,6 @@ use crate::error::ConnectError;
 use crate::helper::{Helper, MovedPorts};
 use crate::loss::OwnObjects;
 use crate::objects::refuse_foreign;
-use crate::resources::reserve;
-use crate::transport::nodes;
 use crate::transport::ports::{Payload, Subscriber};
 use crate::transport::stream::IpcNode;
 use crate::warning::warn;
@@ -54,22 +52,17 @@ impl<T: Payload> ReaderPorts<T> {
         let stream = T::open(node, &name);
         let stream = stream.map_err(|error| unopened(node, domain, imu, &name, error))?;
         let subscriber = T::subscriber(&stream, None).map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
-                nodes::clean(node);
-                ConnectError::no_room(domain, imu, &stream)
-            }
+            SubscriberCreateError::ExceedsMaxSupportedSubscribers => ConnectError::no_room(domain, imu, &stream),
             other => ConnectError::transport("subscribing to the stream", other),
         })?;
-        reserve(domain)?;
         let objects = OwnObjects::of(domain, node, &[stream.service_hash()], vec![subscriber.id().value()]);
         Ok((subscriber, objects))
     }
 
     /// Opens the event of the stream, if it has one.
-    pub(super) fn listen(&mut self, domain: &Domain, imu: &ImuId) -> Result<(), ConnectError> {
+    pub(super) fn listen(&mut self, imu: &ImuId) -> Result<(), ConnectError> {
         if self.arrival.is_none() && T::HAS_EVENT {
             self.arrival = ArrivalEvent::open(&self.node, imu)?;
-            reserve(domain)?;
         }
         Ok(())
     }
@@ -124,7 +117,7 @@ fn join<T: Payload>(
             Ok(mut ports) => {
                 if listens {
                     // Without it the reader polls.
-                    let _ = ports.listen(domain, imu);
+                    let _ = ports.listen(imu);
                 }
                 return Ok(Some(ports));
             }

@@ -6,7 +6,10 @@
 //! and every program links the same instructions. They are not inlined into a caller, so real and rehearsed samples run
 //! the same instructions, too.
 
-use super::stream::{Event, Ipc, IpcNode, OpenedStream, Stream, increment_name, open_increment, open_raw, raw_name};
+use super::stream::{
+    CreatedStream, Event, Ipc, IpcNode, OpenedStream, Stream, create_increment_rehearsal, create_raw_rehearsal,
+    increment_name, open_increment, open_raw, raw_name,
+};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use iceoryx2::port::listener::{Listener, ListenerCreateError};
@@ -43,6 +46,11 @@ pub trait Payload: ZeroCopySend + fmt::Debug + Default + Copy + 'static {
     /// # Errors
     /// Those of the transport.
     fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self>;
+    /// Creates the stream with this payload by which the process of a node rehearses.
+    ///
+    /// # Errors
+    /// Those of the transport.
+    fn create_rehearsal(node: &IpcNode) -> CreatedStream<Self>;
     /// Session, sequence and times.
     fn period(&self) -> Period;
 
@@ -83,7 +91,7 @@ pub trait Payload: ZeroCopySend + fmt::Debug + Default + Copy + 'static {
 }
 
 macro_rules! payload {
-    ($payload:ty, $name:path, $open:path, has_event: $has_event:literal) => {
+    ($payload:ty, $name:path, $open:path, $rehearsal:path, has_event: $has_event:literal) => {
         impl Payload for $payload {
             const HAS_EVENT: bool = $has_event;
 
@@ -92,6 +100,9 @@ macro_rules! payload {
             }
             fn open(node: &IpcNode, name: &ServiceName) -> OpenedStream<Self> {
                 $open(node, name)
+            }
+            fn create_rehearsal(node: &IpcNode) -> CreatedStream<Self> {
+                $rehearsal(node)
             }
             fn period(&self) -> Period {
                 self.into()
@@ -145,8 +156,8 @@ macro_rules! payload {
     };
 }
 
-payload!(RawSample, raw_name, open_raw, has_event: false);
-payload!(CompensatedIncrement, increment_name, open_increment, has_event: true);
+payload!(RawSample, raw_name, open_raw, create_raw_rehearsal, has_event: false);
+payload!(CompensatedIncrement, increment_name, open_increment, create_increment_rehearsal, has_event: true);
 
 /// Whether a publisher of this process could not connect a subscriber.
 static UNCONNECTED: AtomicBool = AtomicBool::new(false);

@@ -8,14 +8,12 @@
 //! | `isotherm/<imu>/wake` | event | senders of raw samples, the service | the service |
 //! | `isotherm/<imu>/arrival` | event | the service, after publishing, while anybody listens | readers that wait |
 //! | `isotherm/status` | UTF-8 JSON, `[u8]`, history 1 | 1, the service | anybody |
-//! | `isotherm/<imu>/rehearsal/raw`, `.../increment` | as without `/rehearsal` | the acquisition | the acquisition |
-//! | `isotherm/rehearsal/<worker>/raw`, `.../increment` | as those of an IMU | the service | the service |
+//! | `isotherm/rehearsal/<node>/raw`, `.../increment` | as those of an IMU | one process | the same process |
 //!
-//! The last two rows are for rehearsals: a process sends to itself what it would send to the other side, to keep the
-//! way warm. Nobody else has a place in them.
+//! The last row is for rehearsals: a process sends to itself what it would send to the other side, to keep the way
+//! warm. It makes these two streams by itself, and nobody else has a place in them.
 //!
-//! Only the service creates them, so that it decides depths and limits; all other processes open them.
-//!
+//! Only the service creates all others, so that it decides depths and limits; all other processes open them.
 
 use super::own_static::OwnStatic;
 use super::own_storage::OwnStorage;
@@ -59,6 +57,8 @@ pub const BORROWED: usize = 2;
 pub const NODES: usize = 64;
 /// Processes that may notify the wake-up event of one IMU: its senders, and the service itself.
 pub const NOTIFIERS: usize = 16;
+/// Events have one id: a listener that was notified looks through all of them.
+const EVENT_ID_MAX: usize = 0;
 /// Readers of the status at once.
 pub const STATUS_SUBSCRIBERS: usize = 32;
 
@@ -161,30 +161,30 @@ pub fn create_increment(node: &IpcNode, imu: &ImuId, relayed: bool) -> CreatedSt
         .open_or_create()
 }
 
-/// Creates a stream for rehearsals of raw samples.
+/// Creates the stream of raw samples by which the process of a node rehearses.
 ///
 /// # Errors
 /// Those of the transport.
-pub fn create_raw_rehearsal(node: &IpcNode, name: &RehearsalNames) -> CreatedStream<RawSample> {
-    alone(node.service_builder(&name.raw).publish_subscribe::<RawSample>()).enable_safe_overflow(false).open_or_create()
+pub fn create_raw_rehearsal(node: &IpcNode) -> CreatedStream<RawSample> {
+    alone::<RawSample>(node, StreamKind::Raw).enable_safe_overflow(false).open_or_create()
 }
 
-/// Creates a stream for rehearsals of increments.
+/// Creates the stream of increments by which the process of a node rehearses.
 ///
 /// # Errors
 /// Those of the transport.
-pub fn create_increment_rehearsal(node: &IpcNode, name: &RehearsalNames) -> CreatedStream<CompensatedIncrement> {
-    alone(node.service_builder(&name.increment).publish_subscribe::<CompensatedIncrement>())
-        .enable_safe_overflow(true)
-        .open_or_create()
+pub fn create_increment_rehearsal(node: &IpcNode) -> CreatedStream<CompensatedIncrement> {
+    alone::<CompensatedIncrement>(node, StreamKind::Increment).enable_safe_overflow(true).open_or_create()
 }
 
-/// The settings of a stream that one process uses to send to itself.
-fn alone<T: fmt::Debug + ZeroCopySend>(builder: PublishSubscribe<T>) -> PublishSubscribe<T> {
+/// The settings of a stream that one process uses to send to itself. Its name has the number of the node.
+fn alone<T: fmt::Debug + ZeroCopySend>(node: &IpcNode, stream: StreamKind) -> PublishSubscribe<T> {
+    let name = service_name(&format!("isotherm/rehearsal/{:x}/{}", node.id().value(), stream.name()));
+    let builder = node.service_builder(&name).publish_subscribe::<T>();
     builder
         .max_publishers(1)
         .max_subscribers(1)
-        .max_nodes(NODES)
+        .max_nodes(1)
         .subscriber_max_buffer_size(BORROWED)
         .subscriber_max_borrowed_samples(BORROWED)
         .history_size(0)
@@ -196,7 +196,7 @@ fn alone<T: fmt::Debug + ZeroCopySend>(builder: PublishSubscribe<T>) -> PublishS
 /// Those of the transport.
 pub fn create_wake(node: &IpcNode, imu: &ImuId) -> CreatedEvent {
     let event = node.service_builder(&wake_name(imu)).event();
-    event.max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES).open_or_create()
+    event.max_listeners(1).max_notifiers(NOTIFIERS).max_nodes(NODES).event_id_max_value(EVENT_ID_MAX).open_or_create()
 }
 
 /// Creates the event of published increments.
@@ -205,7 +205,8 @@ pub fn create_wake(node: &IpcNode, imu: &ImuId) -> CreatedEvent {
 /// Those of the transport.
 pub fn create_arrival(node: &IpcNode, imu: &ImuId) -> CreatedEvent {
     let event = node.service_builder(&arrival_name(imu)).event();
-    event.max_listeners(INCREMENT_SUBSCRIBERS).max_notifiers(1).max_nodes(NODES).open_or_create()
+    let event = event.max_listeners(INCREMENT_SUBSCRIBERS).max_notifiers(1).max_nodes(NODES);
+    event.event_id_max_value(EVENT_ID_MAX).open_or_create()
 }
 
 /// Creates the status stream.
@@ -224,7 +225,7 @@ pub fn create_status(node: &IpcNode) -> CreatedStream<[u8]> {
         .open_or_create()
 }
 
-/// Opens a stream of raw samples: the IMU's or one for rehearsals.
+/// Opens a stream of raw samples.
 ///
 /// # Errors
 /// Those of the transport.
@@ -232,7 +233,7 @@ pub fn open_raw(node: &IpcNode, name: &ServiceName) -> OpenedStream<RawSample> {
     node.service_builder(name).publish_subscribe::<RawSample>().open()
 }
 
-/// Opens a stream of increments: the IMU's or one for rehearsals.
+/// Opens a stream of increments.
 ///
 /// # Errors
 /// Those of the transport.
@@ -282,34 +283,6 @@ pub fn arrival_name(imu: &ImuId) -> ServiceName {
     service_name(&format!("isotherm/{imu}/arrival"))
 }
 
-/// The names of the two streams over which one process rehearses.
-#[derive(Clone, Debug)]
-pub struct RehearsalNames {
-    /// Carries raw samples.
-    pub raw: ServiceName,
-    /// Carries increments.
-    pub increment: ServiceName,
-}
-
-impl RehearsalNames {
-    fn new(start: &str) -> Self {
-        let name = |stream: StreamKind| service_name(&format!("{start}/{}", stream.name()));
-        Self { raw: name(StreamKind::Raw), increment: name(StreamKind::Increment) }
-    }
-
-    /// Those of the acquisition of an IMU.
-    #[must_use]
-    pub fn of_acquisition(imu: &ImuId) -> Self {
-        Self::new(&format!("isotherm/{imu}/rehearsal"))
-    }
-
-    /// Those of a worker of the service.
-    #[must_use]
-    pub fn of_worker(index: usize) -> Self {
-        Self::new(&format!("isotherm/rehearsal/{index}"))
-    }
-}
-
 /// The name of the status stream.
 #[must_use]
 pub fn status_name() -> ServiceName {
@@ -343,6 +316,5 @@ mod tests {
     fn names_of_streams_have_the_imu_in_them() {
         let imu = ImuId::new("imu-a_2").unwrap();
         assert_eq!(raw_name(&imu).as_str(), "isotherm/imu-a_2/raw");
-        assert_eq!(RehearsalNames::of_acquisition(&imu).increment.as_str(), "isotherm/imu-a_2/rehearsal/increment");
     }
 }

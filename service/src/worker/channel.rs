@@ -9,9 +9,9 @@ use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use isotherm_client::transport::ports::{self, Incoming, Outgoing, Publisher, Subscriber};
-use isotherm_client::transport::stream::{self, Event, Ipc, IpcNode, RAW_SUBSCRIBERS, RehearsalNames};
-use isotherm_client::{Clock, Payload as _, Rehearsal, RehearsalStreams, subscribers_of};
-use isotherm_shared::compensate::answer_into;
+use isotherm_client::transport::stream::{self, Event, Ipc, IpcNode, RAW_SUBSCRIBERS};
+use isotherm_client::{Clock, Payload as _, Rehearsal, subscribers_of};
+use isotherm_shared::compensate::{Compensator, answer_into};
 use isotherm_shared::names::Domain;
 use isotherm_shared::nominal::comparable;
 use isotherm_shared::protocol::{Arrival, LastSession, SequenceTracker, queue_depth};
@@ -48,7 +48,7 @@ pub struct ChannelLink {
 /// One IMU's streams.
 pub struct Channel {
     tables: Consumer<Arc<CoefficientTable>>,
-    table: Option<Arc<CoefficientTable>>,
+    compensator: Option<Compensator>,
     /// The nominal interval of the last table that has one \[ns\], and until when answers are NaN \[ns\]; 0 for none.
     nominal_ns: u64,
     changes_until_ns: u64,
@@ -67,8 +67,6 @@ pub struct Channel {
     subscriber: Subscriber<RawSample>,
     /// Notifies waiting readers that an increment is published.
     arrival: Notifier<Ipc>,
-    /// For the rehearsals of the acquisition, which cannot create streams.
-    _rehearsal: RehearsalStreams,
 }
 
 /// A sample whose answer is published, but which is not returned and not counted yet.
@@ -119,12 +117,6 @@ impl Channel {
         let crowd =
             || format!("notifying the worker of IMU {id}: all places of its wake-up event are taken; stop a sender");
         let notifier = creator.port(&name("notifier"), crowd, || notifier(&wake))?;
-        let rehearsal = create_rehearsal(
-            node,
-            &creator,
-            &format!("the rehearsal streams of IMU {id}"),
-            &RehearsalNames::of_acquisition(&id),
-        )?;
         let crowded = || {
             let readers = subscribers_of(domain, &raw);
             format!(
@@ -144,7 +136,7 @@ impl Channel {
         })?;
         let channel = Self {
             tables: link.tables,
-            table: None,
+            compensator: None,
             nominal_ns: link.table_before.map_or(0, |table| table.nominal_ns()),
             changes_until_ns: 0,
             counters: link.counters,
@@ -157,7 +149,6 @@ impl Channel {
             publisher,
             subscriber,
             arrival: announcer,
-            _rehearsal: rehearsal,
         };
         Ok((channel, WakePorts { listener, notifier }))
     }
@@ -169,7 +160,7 @@ impl Channel {
         while let Ok(table) = self.tables.pop() {
             self.counters.table_taken(table.id());
             self.note_interval(table.nominal_ns());
-            self.table = Some(table);
+            self.compensator = Some(Compensator::new(table));
         }
     }
 
@@ -232,8 +223,10 @@ impl Channel {
         if self.changes_until_ns != 0 {
             self.pass_change(clock.now());
         }
-        let table = self.table.as_deref().filter(|_| self.changes_until_ns == 0);
-        answer_into(table, &self.raw, increment);
+        match self.compensator.as_mut().filter(|_| self.changes_until_ns == 0) {
+            Some(compensator) => compensator.answer_into(&self.raw, increment),
+            None => answer_into(None, &self.raw, increment),
+        }
         let now = clock.now();
         let latency_ns = now.saturating_sub(since);
         let flags = Flags(increment.flags) | arrival.flags(latency_ns, self.budget_ns);
@@ -280,7 +273,11 @@ impl Channel {
     /// that has come is connected on this occasion, and not when the next sample is on its way.
     pub fn rehearse(&mut self, rehearsal: &mut Rehearsal<RawSample, CompensatedIncrement>, clock: &mut Clock) {
         rehearsal.go(&self.raw, |raw, increment| {
-            answer_into(self.table.as_deref(), raw, increment);
+            // The polynomials too: the next sample may have another temperature.
+            answer_into(self.compensator.as_ref().map(Compensator::table), raw, increment);
+            if let Some(compensator) = &mut self.compensator {
+                compensator.answer_into(raw, increment);
+            }
             increment.latency_ns = clock.now();
         });
         if let Some(spare) = &mut self.spare {
@@ -307,19 +304,4 @@ fn notifier(event: &Event) -> Result<Notifier<Ipc>, CreateError> {
         NotifierCreateError::ExceedsMaxSupportedNotifiers => CreateError::Taken(ports_of_event(event)),
         other => CreateError::Other(other.to_string()),
     })
-}
-
-/// Creates the two streams of rehearsals.
-///
-/// # Errors
-/// Why one could not be created, as a message for the operator.
-pub fn create_rehearsal(
-    node: &IpcNode,
-    creator: &Creator,
-    name: &str,
-    names: &RehearsalNames,
-) -> Result<RehearsalStreams, Failure> {
-    let raw = creator.stream(name, &names.raw, || Ok(stream::create_raw_rehearsal(node, names)?))?;
-    let increments = creator.stream(name, &names.increment, || Ok(stream::create_increment_rehearsal(node, names)?))?;
-    Ok(RehearsalStreams { raw, increments })
 }

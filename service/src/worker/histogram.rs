@@ -2,7 +2,7 @@
 
 use isotherm_client::sync::AtomicU64;
 use isotherm_shared::status::{LATENCY_BOUNDS_NS, LatencyDistribution, LatencySummary};
-use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Buckets in an octave: the relative resolution is 1/32.
 const SUB: u32 = 32;
@@ -11,14 +11,11 @@ const BUCKETS: usize = ((32 - SUB_BITS + 1) * SUB) as usize;
 
 /// Counts of 32-bit values \[ns\], by bucket.
 #[derive(Debug)]
-pub struct Histogram {
-    buckets: Box<[AtomicU64; BUCKETS]>,
-    max: AtomicU64,
-}
+pub struct Histogram(Box<[AtomicU64; BUCKETS]>);
 
 impl Default for Histogram {
     fn default() -> Self {
-        Self { buckets: Box::new([const { AtomicU64::new(0) }; BUCKETS]), max: AtomicU64::new(0) }
+        Self(Box::new([const { AtomicU64::new(0) }; BUCKETS]))
     }
 }
 
@@ -26,64 +23,50 @@ impl Histogram {
     /// Adds one value. Only the one writer of [`CounterWriter`](super::counters::CounterWriter) calls it.
     #[inline]
     pub(super) fn record(&self, value: u32) {
-        // The maximum is written before the count, and read after the counts: a reader never finds a counted value
-        // above the maximum.
-        if u64::from(value) > self.max.load(Relaxed) {
-            self.max.store(value.into(), Relaxed);
-        }
-        let bucket = &self.buckets[bucket_of(value)];
-        bucket.store(bucket.load(Relaxed).saturating_add(1), Release);
+        let bucket = &self.0[bucket_of(value)];
+        bucket.store(bucket.load(Relaxed).saturating_add(1), Relaxed);
     }
 
     /// The counts since the start.
     pub fn counts(&self) -> BucketCounts {
-        let counts = self.buckets.iter().map(|count| count.load(Acquire)).collect();
-        BucketCounts { counts, max: self.max.load(Relaxed) }
+        BucketCounts(self.0.iter().map(|count| count.load(Relaxed)).collect())
     }
 }
 
 /// Counts of a histogram, by bucket.
 #[derive(Clone, Debug, Default)]
-pub struct BucketCounts {
-    counts: Vec<u64>,
-    /// Largest value since the start.
-    max: u64,
-}
+pub struct BucketCounts(Vec<u64>);
 
 impl BucketCounts {
     /// What the same histogram has counted since `before`.
     pub fn since(&self, before: &Self) -> Growth {
-        let then = before.counts.iter().copied().chain(std::iter::repeat(0));
-        let grown = self.counts.iter().zip(then).map(|(now, then)| now.saturating_sub(then)).enumerate();
-        Growth { grown: grown.filter(|(_, count)| *count > 0).collect(), max: self.max }
+        let then = before.0.iter().copied().chain(std::iter::repeat(0));
+        let grown = self.0.iter().zip(then).map(|(now, then)| now.saturating_sub(then)).enumerate();
+        Growth(grown.filter(|(_, count)| *count > 0).collect())
     }
 
     /// The sum of what was counted in several intervals.
     pub fn sum<'a>(intervals: impl IntoIterator<Item = &'a Growth>) -> Self {
-        let mut sum = Self { counts: vec![0; BUCKETS], max: 0 };
-        for interval in intervals {
-            for (bucket, count) in &interval.grown {
-                sum.counts[*bucket] += count;
-            }
-            sum.max = sum.max.max(interval.max);
+        let mut sum = vec![0; BUCKETS];
+        for (bucket, count) in intervals.into_iter().flat_map(|interval| &interval.0) {
+            sum[*bucket] += count;
         }
-        sum
+        Self(sum)
     }
 
     /// Percentiles and maximum; `None` if nothing was counted.
     ///
-    /// Each is the upper end of its bucket, but not over the largest value since the start: never less than the value
-    /// itself, and at most 1/32 more.
+    /// Each is the upper end of its bucket: never less than the value itself, and at most 1/32 more.
     pub fn summary(&self) -> Option<LatencySummary> {
-        let total: u64 = self.counts.iter().sum();
+        let total: u64 = self.0.iter().sum();
         let percentile = |part: f64| {
             let rank = ((total as f64 * part).ceil() as u64).clamp(1, total);
             let mut below = 0;
-            let bucket = self.counts.iter().position(|count| {
+            let bucket = self.0.iter().position(|count| {
                 below += count;
                 below >= rank
             });
-            bucket.map_or(self.max, |bucket| upper_end(bucket).min(self.max))
+            bucket.map_or(0, upper_end)
         };
         (total > 0).then(|| LatencySummary {
             count: total,
@@ -99,7 +82,7 @@ impl BucketCounts {
     pub fn distribution(&self) -> LatencyDistribution {
         let mut coarse = vec![0; LATENCY_BOUNDS_NS.len() + 1];
         let mut sum_ns = 0.0;
-        for (bucket, count) in self.counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+        for (bucket, count) in self.0.iter().enumerate().filter(|(_, count)| **count > 0) {
             let upper = upper_end(bucket);
             coarse[LATENCY_BOUNDS_NS.partition_point(|bound| *bound < upper)] += count;
             let lower = bucket.checked_sub(1).map_or(0, |below| upper_end(below) + 1);
@@ -111,12 +94,10 @@ impl BucketCounts {
 
 /// What a histogram has counted in an interval of time.
 #[derive(Clone, Debug, Default)]
-pub struct Growth {
+pub struct Growth(
     /// Bucket and count, where the count is not 0.
-    grown: Vec<(usize, u64)>,
-    /// Largest value since the start.
-    max: u64,
-}
+    Vec<(usize, u64)>,
+);
 
 /// The bucket of a value. Below 32 each value has its own bucket; above, each octave has 32 buckets.
 const fn bucket_of(value: u32) -> usize {
@@ -135,20 +116,6 @@ const fn upper_end(bucket: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::cell::Cell;
-    use std::sync::atomic::AtomicUsize;
-    use std::thread;
-
-    const fn lower_end(bucket: usize) -> u64 {
-        if bucket == 0 { 0 } else { upper_end(bucket - 1) + 1 }
-    }
-
-    /// Spins, and lets other threads run in between in case they share the core.
-    fn spin_until(condition: impl Fn() -> bool) {
-        while !(0..100).any(|_| condition()) {
-            thread::yield_now();
-        }
-    }
 
     #[test]
     fn every_value_falls_into_a_bucket_that_holds_it() {
@@ -172,8 +139,9 @@ mod tests {
             histogram.record(value * 100);
         }
         let summary = histogram.counts().summary().unwrap();
-        assert_eq!((summary.count, summary.max), (1000, 100_000));
-        for (found, exact) in [(summary.p50, 50_000), (summary.p99, 99_000), (summary.p999, 99_900)] {
+        assert_eq!(summary.count, 1000);
+        let exact = [50_000, 99_000, 99_900, 100_000];
+        for (found, exact) in [summary.p50, summary.p99, summary.p999, summary.max].into_iter().zip(exact) {
             assert!(found >= exact && found <= exact + exact / 32, "{found} for {exact}");
         }
     }
@@ -205,89 +173,5 @@ mod tests {
             before = counts;
         }
         assert_eq!(BucketCounts::sum([&histogram.counts().since(&before)]).summary(), None);
-    }
-
-    /// One thread writes as a worker does, while this one takes windows as the control thread does.
-    ///
-    /// Most values are 0. A larger value than all before comes at most once in a window, at another moment of each: no
-    /// other value replaces its maximum if the maximum is missing.
-    #[test]
-    fn a_window_that_counts_a_value_has_its_maximum_also_while_the_writer_goes_on() {
-        let mut faults = Vec::new();
-        for _ in 0..2 {
-            let (histogram, windows) = (Histogram::default(), AtomicUsize::new(0));
-            let (mut before, mut total, mut with_larger) = (BucketCounts::default(), 0, 0);
-            thread::scope(|scope| {
-                let writer = scope.spawn(|| {
-                    let mut written = 0;
-                    let mut record = |bucket| {
-                        histogram.record(lower_end(bucket) as u32);
-                        written += 1;
-                    };
-                    for bucket in 1..BUCKETS {
-                        (0..bucket * 37 % 500).for_each(|_| record(0));
-                        record(bucket);
-                        // The value is counted in this window or the next one.
-                        let window = windows.load(Acquire);
-                        while windows.load(Acquire) < window + 2 {
-                            record(0);
-                            thread::yield_now();
-                        }
-                    }
-                    written
-                });
-                while !writer.is_finished() {
-                    let counts = histogram.counts();
-                    let window = counts.since(&before);
-                    before = counts;
-                    if let Some(summary) = BucketCounts::sum([&window]).summary() {
-                        total += summary.count;
-                        let highest = window.grown.last().map_or(0, |(bucket, _)| *bucket);
-                        with_larger += usize::from(highest > 0);
-                        if summary.max < lower_end(highest) {
-                            faults.push((highest, summary));
-                        }
-                    }
-                    windows.fetch_add(1, Release);
-                }
-                // The test is empty if windows are not as described. What came after the last window is counted here.
-                assert_eq!(with_larger, BUCKETS - 1);
-                total += BucketCounts::sum([&histogram.counts().since(&before)]).counts.iter().sum::<u64>();
-                assert_eq!(total, writer.join().unwrap(), "each value is counted in one window");
-            });
-        }
-        assert!(faults.is_empty(), "{} windows without their maximum, the first: {:?}", faults.len(), faults[0]);
-    }
-
-    /// Another thread looks at a bucket and at the maximum in the moment in which a value is counted.
-    #[test]
-    fn the_maximum_is_there_before_the_value_is_counted() {
-        let mut faults = Vec::new();
-        for _ in 0..16 {
-            let (histogram, seen) = (Histogram::default(), AtomicUsize::new(0));
-            thread::scope(|scope| {
-                scope.spawn(|| {
-                    for bucket in 1..BUCKETS {
-                        histogram.record(lower_end(bucket) as u32);
-                        spin_until(|| seen.load(Acquire) == bucket);
-                    }
-                });
-                for bucket in 1..BUCKETS {
-                    let (counter, max) = (&histogram.buckets[bucket], Cell::new(0));
-                    // Both are read at once each time: the maximum must not be read later than the count that it
-                    // belongs to.
-                    spin_until(|| {
-                        let count = counter.load(Acquire);
-                        max.set(histogram.max.load(Relaxed));
-                        count > 0
-                    });
-                    if max.get() < lower_end(bucket) {
-                        faults.push((bucket, max.get()));
-                    }
-                    seen.store(bucket, Release);
-                }
-            });
-        }
-        assert!(faults.is_empty(), "{} values over the maximum, the first: {:?}", faults.len(), faults[0]);
     }
 }

@@ -5,11 +5,9 @@
 //! sleep ends. It polls all IMUs between two rehearsals, so a sample that comes meanwhile waits for one rehearsal at
 //! most.
 
-use super::channel::{Channel, create_rehearsal};
-use crate::create::{CreateError, Creator};
-use crate::leftovers::ports_of;
-use isotherm_client::transport::stream::{IpcNode, RehearsalNames};
-use isotherm_client::{Clock, Rehearsal, RehearsalError};
+use super::channel::Channel;
+use isotherm_client::transport::stream::IpcNode;
+use isotherm_client::{Clock, Rehearsal};
 use isotherm_shared::wire::{CompensatedIncrement, RawSample};
 use isotherm_support::failure::Failure;
 
@@ -28,23 +26,12 @@ pub struct Rehearsals {
 }
 
 impl Rehearsals {
-    /// Creates the streams of a worker's rehearsals.
+    /// Those of a worker with this node and so many IMUs.
     ///
     /// # Errors
     /// Why a stream or port could not be created, as a message for the operator.
-    pub fn open(node: &IpcNode, creator: &Creator, index: usize, imus: usize) -> Result<Self, Failure> {
-        let name = format!("the rehearsal streams of worker {index}");
-        let streams = create_rehearsal(node, creator, &name, &RehearsalNames::of_worker(index))?;
-        let taken = || "its places are taken by another service; stop it or use another --domain".to_owned();
-        let ports = creator.port(&name, taken, || {
-            Rehearsal::open(&streams.raw, &streams.increments).map_err(|error| match error {
-                RehearsalError::Taken => {
-                    CreateError::Taken([ports_of(&streams.raw), ports_of(&streams.increments)].concat())
-                }
-                RehearsalError::Other(cause) => CreateError::Other(cause),
-            })
-        })?;
-        Ok(Self { ports, idle_polls: 0, next: 0, expected: vec![false; imus] })
+    pub fn open(node: &IpcNode, imus: usize) -> Result<Self, Failure> {
+        Ok(Self { ports: Rehearsal::open(node)?, idle_polls: 0, next: 0, expected: vec![false; imus] })
     }
 
     /// The sample of this IMU is expected: it is the next to rehearse for.

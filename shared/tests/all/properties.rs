@@ -3,16 +3,17 @@
 //!
 //! Over 400 lines: the kernel in rational arithmetic, next to the tables and samples that it is compared on.
 
-use isotherm_shared::compensate::answer;
+use isotherm_shared::compensate::{Compensator, answer};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::table::{Axis, CoefficientTable, Content, Gyroscopes, OutOfRange};
 use isotherm_shared::units::{ARCSEC, BiasUnit};
-use isotherm_shared::wire::{AXES, Flags, MAX_INTERVAL_NS, RawSample, Triad};
+use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, MAX_INTERVAL_NS, RawSample, Triad};
 use nalgebra::Matrix3;
 use num_rational::BigRational;
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
 use proptest::prelude::*;
+use std::sync::Arc;
 
 /// A polynomial near `size` over its range: order 0 to 7, and with centre and scale, with scale only, or with neither.
 fn polynomial(size: f64) -> impl Strategy<Value = Polynomial> {
@@ -52,6 +53,19 @@ prop_compose! {
     ) -> Axis {
         Axis { bias_unit, bias, transient, positive_scale_factor, negative_scale_factor, max_rate }
     }
+}
+
+/// The temperatures of heads and boards.
+fn temperatures(raw: &mut RawSample) -> Vec<&mut f64> {
+    let RawSample { accelerometers: a, gyroscopes: g, .. } = raw;
+    let all = [&mut a.head_temperature, &mut a.board_temperature, &mut g.head_temperature, &mut g.board_temperature];
+    all.into_iter().flatten().collect()
+}
+
+/// The bits of an answer.
+fn bits(increment: &CompensatedIncrement) -> (u64, Vec<u64>) {
+    let numbers = increment.velocity_increment.iter().chain(&increment.angle_increment);
+    (increment.flags, numbers.map(|number| number.to_bits()).collect())
 }
 
 fn alignment() -> impl Strategy<Value = Matrix3<f64>> {
@@ -310,6 +324,31 @@ proptest! {
         let found = result.velocity_increment.iter().chain(&result.angle_increment);
         for (found, expected) in found.zip(dv.into_iter().chain(da)) {
             prop_assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{found} for {expected}");
+        }
+    }
+
+    /// A compensator, which keeps what it has evaluated, gives the answers of the kernel, bit for bit: whichever of the
+    /// temperatures are those of the sample before.
+    #[test]
+    fn a_compensator_answers_as_the_kernel(
+        table in table(),
+        samples in prop::collection::vec((sample(), any::<u16>()), 1..12),
+        odd in any::<f64>(),
+    ) {
+        let mut compensator = Compensator::new(Arc::new(table.clone()));
+        let mut before = RawSample::default();
+        for (mut raw, changes) in samples {
+            for (bit, (now, before)) in temperatures(&mut raw).into_iter().zip(temperatures(&mut before)).enumerate() {
+                match (changes >> bit & 1, changes >> 12) {
+                    (1, 0) => *now = odd,
+                    (1, 1..6) => {}
+                    _ => *now = *before,
+                }
+            }
+            let mut increment = CompensatedIncrement::default();
+            compensator.answer_into(&raw, &mut increment);
+            prop_assert_eq!(bits(&increment), bits(&answer(Some(&table), &raw)));
+            before = raw;
         }
     }
 

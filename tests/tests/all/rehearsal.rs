@@ -100,7 +100,6 @@ fn who_is_killed_in_a_rehearsal_leaves_its_places_free() {
         }
     }
     let mut acquisition = domain.acquisition("imu-a");
-    assert!(format!("{acquisition:?}").contains("rehearsal: Some"), "the streams of its rehearsals are free");
     for sample in &recording()[..50] {
         acquisition.prepare();
         assert_eq!(round_trip(&mut acquisition, sample).flags & Flags::GAP.0, 0);

@@ -32,7 +32,8 @@ const BLOCK: &str = "_block";
 
 /// The ratios that are given for this build, of the first path to the second. `iceoryx2_rehearsed` does what a client
 /// with bare streams can do to be as ready as Isotherm.
-const RATIOS: [&str; 7] = [
+const RATIOS: [&str; 8] = [
+    "isotherm_anticipate/iceoryx2_rehearsed",
     "isotherm/iceoryx2",
     "isotherm_default_depth/iceoryx2",
     "isotherm/iceoryx2_rehearsed",
