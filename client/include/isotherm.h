@@ -1066,9 +1066,9 @@ isotherm_code isotherm_reader_receive_timeout(isotherm_reader *reader,
 
 /**
  * A descriptor for poll, epoll and the like: readable when increments may have come. Then call isotherm_reader_receive
- * until it returns ISOTHERM_NONE, which makes it unreadable. Wait for at most some 100 ms at once, and call
- * isotherm_reader_receive after that too: a notification can be lost. It belongs to the reader, which closes it, and
- * stays the same as long as the reader.
+ * until it returns ISOTHERM_NONE, which makes it unreadable, at most 5 ms later where the notification came late. Wait
+ * for at most some 100 ms at once, and call isotherm_reader_receive after that too: a notification can be lost. It
+ * belongs to the reader, which closes it, and stays the same as long as the reader.
  *
  * ISOTHERM_OK, ISOTHERM_ERROR_NO_SERVICE (also while the reader is not connected), ISOTHERM_ERROR_TRANSPORT.
  */

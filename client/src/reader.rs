@@ -439,8 +439,8 @@ fn watch(descriptor: &OwnedFd, arrival: &ArrivalEvent) -> Result<(), ConnectErro
 
 impl Reader<CompensatedIncrement> {
     /// A descriptor for `poll`, `epoll` and the like: readable when increments may have come. Then call
-    /// [`receive`](Self::receive) until it returns `None`, which makes it unreadable. It stays the same as long as the
-    /// reader.
+    /// [`receive`](Self::receive) until it returns `None`, which makes it unreadable, at most 5 ms later where the
+    /// notification came late. It stays the same as long as the reader.
     ///
     /// Wait for at most some 100 ms at once, and call `receive` after that too: a notification can be lost.
     ///

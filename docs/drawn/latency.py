@@ -22,7 +22,7 @@ def _() -> str:
     )
     rate = ""
     left, right, high = 128, WIDTH - 58, 1.5
-    for row, colour in zip(rows, ("own", "third", "own", "third"), strict=True):
+    for row, colour in zip(rows, ("own", "third", "other"), strict=True):
         drawing.heading(row[0].replace("`", ""))
         top = drawing.y
         for title, cell in zip(titles, row[1:], strict=True):

@@ -2,7 +2,8 @@
 //! does not compile.
 //!
 //! Only the one writer stores: it needs no atomic addition, a load and a store are enough. Different counters may be of
-//! different moments, and nothing computes with two of them; only a device is reported with the table of its samples.
+//! different moments. Only what is computed with two of them is ordered: a counted sample has its session, and a device
+//! is reported with the table of its samples.
 //!
 //! A second writer does not compile:
 //! ```compile_fail,E0599
@@ -169,7 +170,8 @@ impl CounterWriter {
         for (kept, value) in counters.temperature.iter().zip(temperature.as_flattened()) {
             kept.store(value.to_bits(), Relaxed);
         }
-        add(&counters.received, 1);
+        // After its session: a note for the next service is made of it.
+        counters.received.store(counters.received.load(Relaxed).saturating_add(1), Release);
         add(if published { &counters.compensated } else { &counters.transport_errors }, 1);
         if arrival.missing > 0 {
             add(&counters.gaps, 1);
@@ -200,7 +202,7 @@ impl CounterWriter {
 impl CounterReader {
     /// Raw samples received.
     pub fn received(&self) -> u64 {
-        self.0.received.load(Relaxed)
+        self.0.received.load(Acquire)
     }
 
     /// Increments published.
@@ -417,6 +419,24 @@ mod tests {
 mod explored {
     use super::*;
     use isotherm_client::sync::{explore, thread};
+
+    #[test]
+    fn explored_a_counted_sample_has_its_session() {
+        let found = explore(|| {
+            let (mut writer, reader) = counters();
+            let looking = {
+                let reader = reader.clone();
+                thread::spawn(move || {
+                    let session = reader.last_session().map(|last| last.session);
+                    assert!(session.is_none_or(|session| session == 7), "{session:?}");
+                })
+            };
+            let raw = RawSample { session: 7, ..RawSample::default() };
+            writer.answered(&raw, Arrival::default(), Flags::default(), 0, true);
+            looking.join().unwrap();
+        });
+        assert_eq!(found.needed.len(), 2, "{found:?}");
+    }
 
     /// A worker takes tables while another thread looks. The unit of each table's samples is ten times its id.
     #[test]
