@@ -7,7 +7,7 @@ mod recorder;
 mod top;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
-use isotherm_offline::{former_failure, messages};
+use isotherm_offline::messages;
 use isotherm_service::commands as common;
 use isotherm_support::failure::Failure;
 use std::env;
@@ -78,6 +78,6 @@ pub fn main() -> ExitCode {
     let arguments: Vec<_> = env::args_os().collect();
     common::exit_code("isotherm", || match Cli::full_command().try_get_matches_from(&arguments) {
         Ok(matches) => Ok(Cli::from_arg_matches(&matches)?.run()),
-        Err(error) => former_failure(&arguments, error).map(Err),
+        Err(error) => Err(error),
     })
 }

@@ -26,22 +26,6 @@ pub const MAX_BYTES: u64 = 1 << 20;
 /// Limit of collected faults: a file can have a hundred thousand.
 const MAX_FAULTS: usize = 100;
 
-/// Keys that have another name today, as paths in their files: the old one, and today's.
-///
-/// A value under the old key is refused by a fault that says the new one. It is read all the same, so that the faults
-/// in it are reported together with that one.
-pub const RENAMED: [(&str, &str); 2] = [("table", "turntable"), ("soak.telemetry_per_h", "soak.temperature_per_h")];
-
-/// Today's path of a key, which may be the old name of it or of the section that it is in ([`RENAMED`]).
-#[must_use]
-pub fn current_key(path: &str) -> String {
-    let current = |(old, new): &(&str, &str)| {
-        let rest = path.strip_prefix(old).filter(|rest| rest.is_empty() || rest.starts_with('.'))?;
-        Some(format!("{new}{rest}"))
-    };
-    RENAMED.iter().find_map(current).unwrap_or_else(|| path.to_owned())
-}
-
 /// A parsed TOML file that collects faults while it is read.
 pub struct Document<'a> {
     lines: Lines,
@@ -155,7 +139,7 @@ impl<'d, 'a> Section<'d, 'a> {
 
     /// Reports `message` about `key`: at the key's line if it is present, otherwise at the section's.
     pub fn fault(&self, key: &str, message: impl Into<String>) {
-        let line = self.find(key).map_or(self.line, |value| self.document.line(&value.span()));
+        let line = self.table.get(key).map_or(self.line, |value| self.document.line(&value.span()));
         let key = if key.is_empty() { self.path.clone() } else { self.key(key) };
         self.document.fault(line, key, message);
     }
@@ -182,14 +166,14 @@ impl<'d, 'a> Section<'d, 'a> {
     /// Whether `key` is present, with a value of any type.
     #[must_use]
     pub fn has(&self, key: &str) -> bool {
-        self.find(key).is_some()
+        self.table.get(key).is_some()
     }
 
     /// Whether `key` is `"?"`, or a text or a list of texts that begin with it: a value that is to be filled in.
     #[must_use]
     pub fn is_open(&self, key: &str) -> bool {
         let is_open = |value: &DeValue<'_>| value.as_str().is_some_and(|text| text.starts_with('?'));
-        self.find(key).is_some_and(|value| match value.get_ref().as_array() {
+        self.table.get(key).is_some_and(|value| match value.get_ref().as_array() {
             Some(list) => list.iter().any(|item| is_open(item.get_ref())),
             None => is_open(value.get_ref()),
         })
@@ -197,17 +181,7 @@ impl<'d, 'a> Section<'d, 'a> {
 
     fn get(&self, key: &'static str) -> Option<&'d Spanned<DeValue<'a>>> {
         self.asked.borrow_mut().push(key);
-        self.find(key)
-    }
-
-    /// The value of `key`, or that of its old name.
-    fn find(&self, key: &str) -> Option<&'d Spanned<DeValue<'a>>> {
-        let by_old_name = || {
-            let path = self.key(key);
-            let (old, _) = RENAMED.iter().find(|(_, new)| *new == path)?;
-            self.table.get(old.rsplit('.').next().unwrap_or(old))
-        };
-        self.table.get(key).or_else(by_old_name)
+        self.table.get(key)
     }
 
     fn required<T>(&self, key: &'static str, value: Option<T>, expected: &str) -> Option<T> {
@@ -471,11 +445,7 @@ impl<'d, 'a> Section<'d, 'a> {
             } else {
                 let name = key.get_ref();
                 let path = if self.path.is_empty() { name.to_string() } else { format!("{}.{name}", self.path) };
-                let is_asked = |new: &str| asked.iter().any(|key| self.key(key) == new);
-                let message = match RENAMED.iter().find(|(old, new)| *old == path && is_asked(new)) {
-                    Some((_, new)) => format!("is called {new} now; rename it"),
-                    None => format!("unknown key; known here: {}", asked.join(", ")),
-                };
+                let message = format!("unknown key; known here: {}", asked.join(", "));
                 self.document.fault(self.document.line(&key.span()), path, message);
             }
         }

@@ -18,7 +18,6 @@ mod repair;
 mod replay;
 mod verify;
 
-pub use calibrate::{renamed_options, replacement};
 pub use check::CHECKED_FILES;
 
 use clap::Subcommand;

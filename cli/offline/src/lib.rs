@@ -41,21 +41,6 @@ pub fn command() -> clap::Command {
     finish(OfflineProgram::command().long_version(isotherm_version::LONG_VERSION), "isotherm")
 }
 
-/// What is said of a command line that clap refuses, if it is a former one.
-///
-/// # Errors
-/// The error of clap, if it is not.
-pub fn former_failure(arguments: &[OsString], error: clap::Error) -> Result<Failure, clap::Error> {
-    let arguments = arguments.get(1..).unwrap_or_default();
-    let subcommand = commands::replacement(arguments)
-        .map(|line| format!("calibrate has a subcommand for each way to measure: {line}"));
-    let renamed = [subcommand, commands::renamed_options(arguments)].into_iter().flatten().collect::<Vec<_>>();
-    match error.use_stderr() && !renamed.is_empty() {
-        true => Ok(Failure::new(Exit::Usage, renamed.join("\n"))),
-        false => Err(error),
-    }
-}
-
 /// Runs the program with the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -66,6 +51,6 @@ pub fn main() -> ExitCode {
             messages::start(quiet, verbose);
             Ok(command.run(verbose, commands::CHECKED_FILES, Vec::new))
         }
-        Err(error) => former_failure(&arguments, error).map(Err),
+        Err(error) => Err(error),
     })
 }

@@ -64,8 +64,6 @@ pub(crate) struct Acquire {
     /// Default: wait without a limit.
     #[arg(long, value_name = "S", value_parser = seconds)]
     timeout: Option<Duration>,
-    #[arg(long, value_name = "FILE.prom", hide = true, value_parser = refuse_metrics)]
-    metrics: Option<String>,
     /// Write the nominal table and end
     ///
     /// With the nominal table of the source, the increments are the readings of the device.
@@ -217,13 +215,6 @@ impl Acquire {
         }
         Ok(())
     }
-}
-
-/// What `--metrics` was for comes from the exporter.
-fn refuse_metrics(_: &str) -> Result<String, String> {
-    Err("no file is written any more: leave it away, and start `isotherm-exporter` (unit isotherm-exporter.service), which shows the \
-         metrics of acquisitions too"
-        .to_owned())
 }
 
 /// The whole sentences of a profile's first line, which may end within one.

@@ -176,29 +176,6 @@ fn a_plan_whose_alarms_nobody_reads_is_named() {
     }
 }
 
-/// The former command line of `calibrate` is refused with the one that does the same.
-#[test]
-fn calibrate_without_a_subcommand_names_the_new_command_line() {
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-    let campaign = format!("{root}/examples/campaign/campaign.toml");
-    for (arguments, line) in [
-        (&["campaign.toml", "-o", "a table.toml"][..], "turntable campaign.toml -o 'a table.toml'"),
-        (&[&campaign, "-o", "t.toml"], &format!("turntable {campaign} -o t.toml")),
-        (&["-o", "t.toml", "--order", "3", "c.toml"], "turntable -o t.toml --order 3 c.toml"),
-        (&["--propose", "measured/"], "turntable --propose measured/"),
-        (&["--gravity-only", "cold.csv", "--imu", "imu-b"], "tumble cold.csv --imu imu-b"),
-        (&["warm.ulg", "--one-attitude", "--imu", "imu-b"], "warm-up warm.ulg --imu imu-b"),
-    ] {
-        let output = isotherm(&[&["calibrate"], arguments].concat());
-        let message = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(64), "{message}");
-        assert!(output.stdout.is_empty() && message.ends_with(&format!(": isotherm calibrate {line}\n")), "{message}");
-    }
-    let misspelt = isotherm(&["calibrate", "warmup"]);
-    let message = String::from_utf8(misspelt.stderr).unwrap();
-    assert!(misspelt.status.code() == Some(64) && message.contains("'warm-up'"), "{message}");
-}
-
 /// The first line of each help, as a list shows it.
 fn first_lines(command: &clap::Command, path: &str, lines: &mut Vec<(String, String)>) {
     let path = format!("{path}{} ", command.get_name());

@@ -76,14 +76,3 @@ fn lost_time_in_a_run() {
     is_judged(folder.path(), &verify, "time-step", true);
     is_judged(folder.path(), &["noise", "--table", "run/truth.toml", "lost.csv"], "time-step", true);
 }
-
-#[test]
-fn former_names_are_refused_with_todays() {
-    let folder = tempfile::tempdir().unwrap();
-    let (_, err) = run(folder.path(), 64, &["verify", "--standstills", "--other-unit=1", "run.csv"]);
-    assert!(err.contains("--standstills is --static-poses now, --other-unit is --other-device now"), "{err}");
-    for (old, new) in [("telemetry-drift", "temperature-drift"), ("other-unit", "device-changed")] {
-        let (_, err) = run(folder.path(), 64, &["calibrate", "turntable", "c.toml", "-o", "t.toml", "--accept", old]);
-        assert!(err.contains(&format!("the finding {old} is called {new} now")), "{err}");
-    }
-}

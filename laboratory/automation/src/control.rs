@@ -58,8 +58,6 @@ impl CampaignLock {
             .mode(OWN)
             .custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
         let file = options.open(&path).map_err(failed)?;
-        // Earlier versions let everybody read it.
-        file.set_permissions(Permissions::from_mode(OWN)).map_err(failed)?;
         let begun = Instant::now();
         loop {
             match file.try_lock() {

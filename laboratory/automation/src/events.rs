@@ -158,7 +158,7 @@ mod tests {
         Plan::from_toml(include_str!("../../../examples/plan.toml"), Path::new("/")).unwrap()
     }
 
-    fn safe(reason: &str, stopped: Option<bool>, certain: bool) -> Entry {
+    fn safe(reason: &str, stopped: bool, certain: bool) -> Entry {
         let [turntable, chamber] = ["turntable stopped", "chamber in standby"].map(String::from);
         Entry::Safe { reason: reason.to_owned(), stopped, turntable, chamber, certain }
     }

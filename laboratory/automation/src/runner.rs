@@ -193,7 +193,7 @@ impl<'p> Runner<'p> {
         let result = catch_unwind(AssertUnwindSafe(|| {
             self.journal_start().and_then(|()| self.connect()).and_then(|()| self.run_loop())
         }));
-        let stopped = Some(matches!(result, Ok(Err(RunnerError::Stopped(_)))));
+        let stopped = matches!(result, Ok(Err(RunnerError::Stopped(_))));
         let failure = match result {
             Ok(Ok(())) => None,
             Ok(Err(RunnerError::GivenUp(failure))) => Some(failure),

@@ -43,7 +43,7 @@ pub fn make_safe(plan: &Plan, around: Surroundings, reason: &str) -> Result<(Str
     progress::write(&plan.output.join(STATUS), &last);
     let [turntable, chamber] = outcomes.map(|outcome| outcome.to_string());
     let reason = reason.to_owned();
-    let entry = Entry::Safe { reason, stopped: Some(true), turntable, chamber, certain };
+    let entry = Entry::Safe { reason, stopped: true, turntable, chamber, certain };
     let noted = journal::append(&plan.output, entry, time);
     noted.map_err(|failure| Failure::new(failure.exit, format!("{text}\n{failure}")))?;
     Ok((text, certain))

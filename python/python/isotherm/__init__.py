@@ -134,16 +134,3 @@ __all__ = [
     "write_recording",
     "write_ros",
 ]
-
-_NEW_NAMES = {
-    "calibrate": "calibrate_turntable",
-    "calibrate_gravity_only": "calibrate_tumble",
-    "calibrate_one_attitude": "calibrate_warm_up",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Names the function that took the place of a former one."""
-    if new := _NEW_NAMES.get(name):
-        raise AttributeError(f"isotherm.{name} is isotherm.{new} now")
-    raise AttributeError(f"module 'isotherm' has no attribute {name!r}")

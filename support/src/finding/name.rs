@@ -452,27 +452,10 @@ pub fn explanations() -> impl Iterator<Item = &'static Explanation> {
     SUBJECTS.iter().flat_map(|subject| subject.names)
 }
 
-/// Former names of findings, and today's.
-const RENAMED: [(&str, &str); 12] = [
-    ("telemetry-constant", TEMPERATURE_CONSTANT),
-    ("telemetry-reading", TEMPERATURE_READING),
-    ("telemetry-stuck", TEMPERATURE_REPEATED),
-    ("telemetry-drift", TEMPERATURE_DRIFT),
-    ("telemetry-slope", TEMPERATURE_SLOPE),
-    ("telemetry-offset", TEMPERATURE_OFFSET),
-    ("telemetry-order", TEMPERATURE_ORDER),
-    ("telemetry-moves", TEMPERATURE_MOVES),
-    ("telemetry-glitch", TEMPERATURE_GLITCH),
-    ("behind-telemetry", BEHIND_TEMPERATURE),
-    ("other-unit", DEVICE_CHANGED),
-    ("ramp-unit", RAMP_DEVICE),
-];
-
 /// The name of a finding that the user accepts.
 ///
 /// # Errors
-/// If no finding has this name, which may be a former one, or if a fault of this name leaves nothing to fit. The
-/// message lists the names.
+/// If no finding has this name, or if a fault of this name leaves nothing to fit. The message lists the names.
 pub fn acceptable(text: &str) -> Result<&'static str, String> {
     match explanations().find(|known| known.name == text) {
         Some(Explanation { name, rank: Rank::Final, remedy, .. }) => {
@@ -480,9 +463,6 @@ pub fn acceptable(text: &str) -> Result<&'static str, String> {
         }
         Some(known) => Ok(known.name),
         None => {
-            if let Some((_, new)) = RENAMED.iter().find(|(old, _)| *old == text) {
-                return Err(format!("the finding {text} is called {new} now"));
-            }
             let names = explanations().filter(|known| known.rank != Rank::Final).map(|known| known.name);
             Err(format!("give the name of a finding: {}", names.collect::<Vec<_>>().join(", ")))
         }

@@ -307,11 +307,6 @@ fn many_small_steps_need_an_acceptance_too() {
     domain.replace("imu-a.toml", &raised(311.0));
     wait_until("the step from the new anchor", || in_force(&domain) == digest(&raised(311.0)));
     service.terminate();
-    // A state folder of an earlier version has no anchor: the kept table becomes it.
-    fs::remove_file(domain.path(".state").join(domain.client_domain().name()).join("imu-a.anchor.toml")).unwrap();
-    let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
-    assert_eq!(domain.imu_status()["anchor"], *digest(&raised(311.0)));
-    service.terminate();
 }
 
 #[test]

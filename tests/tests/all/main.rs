@@ -11,7 +11,6 @@
 )]
 
 mod acquire;
-mod before;
 mod c_interface;
 mod convert;
 mod daemon;

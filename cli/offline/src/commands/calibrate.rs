@@ -1,7 +1,6 @@
 //! `calibrate`: makes a coefficient table from a campaign on a turntable, from a tumble or from a warm-up.
 
 mod campaign;
-mod former;
 mod outcome;
 mod several;
 mod table;
@@ -9,10 +8,10 @@ mod tumble;
 mod turntable;
 mod warm_up;
 
-pub use former::{renamed_options, replacement};
-
 use clap::{Args, Subcommand};
+use isotherm_pipeline::CampaignFile;
 use isotherm_support::failure::Failure;
+use std::path::Path;
 use tumble::Tumble;
 use turntable::Turntable;
 use warm_up::WarmUp;
@@ -51,4 +50,10 @@ impl Calibrate {
             Job::WarmUp(warm_up) => warm_up.run(verbose),
         }
     }
+}
+
+/// The subcommand that takes a campaign file.
+fn job_of_campaign(path: &Path) -> &'static str {
+    let campaigns = CampaignFile::read(path).and_then(|file| file.campaigns()).unwrap_or_default();
+    if campaigns.iter().any(|campaign| campaign.is_tumble) { "tumble" } else { "turntable" }
 }

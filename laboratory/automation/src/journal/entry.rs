@@ -85,9 +85,8 @@ pub enum Entry {
     Safe {
         /// The reason.
         reason: String,
-        /// Whether somebody has asked for it; `None` in journals of older versions, which did not write it.
-        #[serde(default)]
-        stopped: Option<bool>,
+        /// Whether somebody has asked for it.
+        stopped: bool,
         /// The outcome for the turntable, as messages show it.
         #[serde(rename = "table")]
         turntable: String,
@@ -130,14 +129,14 @@ pub enum Entry {
     },
     /// The table is left aside.
     NotInstalled {
-        /// The reasons, one a line. Those of a run are in [`Entry::Verified`]; an older version repeated them here.
+        /// The reasons, one a line. Those of a run are in [`Entry::Verified`].
         reason: String,
     },
     /// The coefficient table is installed.
     Installed {
         /// Digest of the table.
         digest: String,
-        /// The installed file, absolute; an older version wrote it as in the plan.
+        /// The installed file, absolute.
         file: PathBuf,
     },
 }

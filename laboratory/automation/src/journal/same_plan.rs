@@ -1,8 +1,7 @@
 //! Whether a plan gives the data that a journal has begun.
 
 use super::entry::{Entry, FORMAT, JournalLine, KeptStep};
-use crate::plan::{BACK, Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY, without_comment};
-use isotherm_shared::document::current_key;
+use crate::plan::{Plan, RAMP_FILE, RAMP_KEY, RUN_FILE, RUN_KEY};
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::Path;
 
@@ -22,14 +21,14 @@ pub(super) fn check_same_plan(
     let Some(Entry::Begin { format: FORMAT, plan: before, .. }) = begun.map(|line| &line.entry) else {
         return refuse("it is not the journal of a campaign of this version; give another output folder".to_owned());
     };
-    let (before, now) = (of_this_version(before), plan.identity());
+    let now = plan.identity();
     let value = |list: &[(String, String)], key: &str| {
         list.iter().find(|(known, _)| known == key).map_or_else(|| "nothing".to_owned(), |(_, value)| value.clone())
     };
     let mut keys: Vec<_> = before.iter().chain(&now).map(|(key, _)| key).collect();
     keys.sort_unstable();
     keys.dedup();
-    keys.retain(|key| value(&before, key) != value(&now, key));
+    keys.retain(|key| value(before, key) != value(&now, key));
     let same = keys.is_empty();
     let number = |key: &str, begin: &str| key.strip_prefix(begin).and_then(|number| number.parse::<usize>().ok());
     let to_come = |key: &str| {
@@ -41,26 +40,9 @@ pub(super) fn check_same_plan(
         return Ok(same);
     }
     let different: Vec<_> =
-        keys.iter().map(|key| format!("{key}: was {}, is {}", value(&before, key), value(&now, key))).collect();
+        keys.iter().map(|key| format!("{key}: was {}, is {}", value(before, key), value(&now, key))).collect();
     refuse(format!(
         "the plan has changed since this campaign began; change it back, or give another output folder\n{}",
         different.join("\n")
     ))
-}
-
-/// The settings as this version writes them: today's keys, one for each verification run, and no comments. The runs of
-/// an older version went one way; those that are taken stay as they are.
-fn of_this_version(settings: &[(String, String)]) -> Vec<(String, String)> {
-    let mut found = Vec::new();
-    for (key, value) in settings {
-        let runs = Some(value).filter(|_| key == "verify").and_then(|value| value.split_once(" runs, "));
-        match runs.and_then(|(runs, each)| Some((runs.parse::<usize>().ok()?, each))) {
-            Some((runs, each)) => found.extend((1..=runs).map(|run| (format!("{RUN_KEY}{run}"), each.to_owned()))),
-            None => found.push((current_key(key), without_comment(value).to_owned())),
-        }
-    }
-    for (_, value) in found.iter_mut().filter(|(key, value)| key.starts_with(RUN_KEY) && !value.contains(BACK)) {
-        *value = value.replacen(" degC at ", &format!(" degC{BACK} at "), 1);
-    }
-    found
 }

@@ -99,28 +99,3 @@ pub(crate) fn fitted(campaign: &Campaign, alignment: AlignmentChoice) -> Coeffic
     CoefficientTable::from_toml(&campaign.file("table.toml"), None).unwrap()
 }
 
-/// A folder that the version before has left, when its runner was killed: without the clock that only rises.
-#[test]
-fn a_campaign_of_the_version_before_goes_on() {
-    const FILES: [(&str, &str); 5] = [
-        ("journal.jsonl", include_str!("../data/campaign-before/journal.jsonl")),
-        ("campaign.csv", include_str!("../data/campaign-before/campaign.csv")),
-        ("campaign.toml", include_str!("../data/campaign-before/campaign.toml")),
-        ("status.json", include_str!("../data/campaign-before/status.json")),
-        ("readbacks.csv", include_str!("../data/campaign-before/readbacks.csv")),
-    ];
-    let campaign = Campaign::short(0, FaultPlan::default());
-    for (name, text) in FILES {
-        fs::write(campaign.path(name), text).unwrap();
-    }
-    let lines = campaign.journal();
-    assert!(lines.iter().all(|line| line.at.up.is_none() && line.at.unix_s > 1.79e9));
-    assert_done(&campaign.run_once());
-    let kept = events(&campaign, "kept");
-    let numbers: Vec<_> = kept.iter().map(|kept| kept["unit"].as_u64().unwrap()).collect();
-    assert_eq!(numbers, (0..24).collect::<Vec<_>>());
-    for (name, before) in &FILES[..2] {
-        assert!(campaign.file(name).starts_with(before), "{name} is continued");
-    }
-    assert!(campaign.journal().len() > lines.len() + 20);
-}

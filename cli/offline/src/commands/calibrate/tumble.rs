@@ -1,7 +1,7 @@
 //! `calibrate tumble`: a table without a turntable, from recordings in many attitudes.
 
 use super::campaign::CampaignJob;
-use super::former::job_of_campaign;
+use super::job_of_campaign;
 use super::outcome::fit;
 use super::table::TableArgs;
 use crate::commands::common::{ForeignArgs, or_document};

@@ -1,7 +1,7 @@
 //! `calibrate turntable`: a table from a campaign on a turntable, also of each IMU on it.
 
 use super::campaign::CampaignJob;
-use super::former::job_of_campaign;
+use super::job_of_campaign;
 use super::outcome::fit;
 use super::table::TableArgs;
 use crate::commands::common::or_document;

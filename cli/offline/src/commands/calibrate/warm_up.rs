@@ -3,7 +3,7 @@
 mod export;
 mod vehicle;
 
-use super::former::job_of_campaign;
+use super::job_of_campaign;
 use super::outcome::{fit, tell_outcome};
 use super::table::{TableArgs, TableFiles, path_of};
 use super::tumble::is_campaign;
