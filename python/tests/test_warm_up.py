@@ -51,13 +51,3 @@ def test_wrong_arguments_are_named() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             isotherm.calibrate_warm_up(log(), "imu-b", **given)
-
-
-@pytest.mark.parametrize(
-    ("former", "name"),
-    [("calibrate", "calibrate_turntable"), ("calibrate_gravity_only", "calibrate_tumble"), ("calibrate_one_attitude", "calibrate_warm_up")],
-)
-def test_a_former_name_raises_with_the_new_one(former: str, name: str) -> None:
-    with pytest.raises(AttributeError, match=f"isotherm.{former} is isotherm.{name} now"):
-        getattr(isotherm, former)
-    assert callable(getattr(isotherm, name)) and not hasattr(isotherm, "calibrates")

@@ -38,9 +38,8 @@ impl Acceptance {
         let first = format!("{prefix}{}", name(imu));
         let names = own_files(domain.root_path(), &first).filter_map(|file| {
             let name = file.path.file_name()?.to_str()?.to_owned();
-            // An older `reload` has written one without a word.
             let word = name.strip_prefix(&first)?;
-            (word.is_empty() || is_word(word)).then(|| Note::new(domain, &name[prefix.len()..]))
+            is_word(word).then(|| Note::new(domain, &name[prefix.len()..]))
         });
         names.filter_map(|note| note.read().map(|digest| Self { note, digest })).collect()
     }
@@ -93,15 +92,14 @@ mod tests {
     }
 
     #[test]
-    fn half_a_note_is_none_and_one_without_a_word_is_one() {
+    fn half_a_note_is_none() {
         let folder = tempfile::tempdir().unwrap();
         let domain = Domain::new("acceptance", folder.path().to_str().unwrap()).unwrap();
         let imu = ImuId::new("imu-a").unwrap();
         for name in ["accepted-imu-a.0123456789abcdef.4711", "accepted-imu-a.4711", "accepted-imu-a-b"] {
             Note::new(&domain, name).write(b"none").unwrap();
         }
-        Note::new(&domain, "accepted-imu-a").write(b"of an older version").unwrap();
-        assert_eq!(digests(&domain, &imu), ["of an older version"]);
+        assert!(digests(&domain, &imu).is_empty());
         Acceptance::write(&domain, &imu, "new").unwrap();
         assert_eq!(digests(&domain, &imu), ["new"]);
     }

@@ -11,9 +11,8 @@ pub mod progress;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser};
 use commands::OfflineCommand;
 use isotherm_command::{exit_code, finish};
-use isotherm_support::failure::{Exit, Failure, tell_plainly};
+use isotherm_support::failure::tell_plainly;
 use std::env;
-use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Calibrate accelerometers and gyroscopes over temperature

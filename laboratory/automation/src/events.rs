@@ -88,9 +88,8 @@ impl PageEvents {
                 self.running = false;
                 let (kind, name) = match stopped {
                     _ if self.kept == units(plan) => (NoteKind::Good, "end"),
-                    Some(true) => (NoteKind::Warning, "stop"),
-                    Some(false) => (NoteKind::Bad, "alarm or fault"),
-                    None => (NoteKind::Warning, "safe state"),
+                    true => (NoteKind::Warning, "stop"),
+                    false => (NoteKind::Bad, "alarm or fault"),
                 };
                 let kind = if *certain { kind } else { NoteKind::Bad };
                 Headline::new(kind, name, format!("{reason}; {turntable}; {chamber}"))
@@ -176,18 +175,17 @@ mod tests {
             Entry::Paused { cause: "the turntable is\nnot connected".to_owned() },
             Entry::Resumed { after_s: 120.0 },
             Entry::Discarded { reason: "a gap".to_owned() },
-            safe("SIGTERM, as by campaign stop", Some(true), true),
+            safe("SIGTERM, as by campaign stop", true, true),
             started(),
             started(),
-            safe("requested", Some(true), true),
-            safe("the chamber has an alarm: high temperature", Some(false), true),
-            safe("SIGTERM", Some(true), false),
+            safe("requested", true, true),
+            safe("the chamber has an alarm: high temperature", false, true),
+            safe("SIGTERM", true, false),
             // The words do not count.
-            safe("stopped by the chamber", Some(false), true),
-            safe("stopped by SIGTERM, in an older version", None, true),
+            safe("stopped by the chamber", false, true),
         ];
         entries.extend((1..units(&plan)).map(|_| kept()));
-        entries.push(safe("all data are taken", Some(false), true));
+        entries.push(safe("all data are taken", false, true));
         let lines: Vec<_> = (0_u32..)
             .zip(entries)
             .map(|(n, entry)| JournalLine { at: Stamp { unix_s: n.into(), up: None }, imu: None, entry })

@@ -233,7 +233,6 @@ fn check_unchanged(folder: &Path, kept: &[KeptStep]) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::RUN_KEY;
     use std::fs;
 
     fn plan(folder: &Path) -> Plan {

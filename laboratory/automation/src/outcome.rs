@@ -29,7 +29,7 @@ pub struct FitOutcome {
     pub unix_s: f64,
     /// Digest of the table.
     pub digest: Option<String>,
-    /// The bottom line; `None` in the journal of an older version.
+    /// The bottom line; `None` without a table.
     pub accuracy: Option<String>,
     /// Why there is no table.
     pub refused: Option<String>,
@@ -42,7 +42,7 @@ pub struct VerificationOutcome {
     pub unix_s: f64,
     /// The run's file.
     pub run: String,
-    /// Outer and inner angle of its attitude \[deg\]; `None` in the journal of an older version.
+    /// Outer and inner angle of its attitude \[deg\].
     pub angles_deg: Option<[f64; 2]>,
     /// The largest error.
     pub largest: Option<LargestError>,
@@ -122,10 +122,8 @@ fn of_lines<'l>(lines: impl IntoIterator<Item = &'l JournalLine>) -> CampaignOut
                     ..CampaignOutcome::default()
                 };
             }
-            // An older version does not journal the begin.
             Entry::Calibrated { digest, accuracy } => {
-                let accuracy = Some(accuracy).filter(|accuracy| !accuracy.is_empty());
-                let fit = FitOutcome { unix_s, digest: Some(digest), accuracy, refused: None };
+                let fit = FitOutcome { unix_s, digest: Some(digest), accuracy: Some(accuracy), refused: None };
                 outcome = CampaignOutcome { fit: Some(fit), ..CampaignOutcome::default() };
             }
             Entry::NotCalibrated { reason } => {

@@ -73,7 +73,7 @@ pub struct Snapshot {
     pub paused: Option<String>,
     /// The last time that all was well, Unix time \[s\].
     pub well_unix_s: f64,
-    /// The same by the clock that only rises; `None` from an older version.
+    /// The same by the clock that only rises; `None` on a system that does not name its starts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub well_up: Option<UpTime>,
     /// How the runner ended; null while it runs.

@@ -385,7 +385,7 @@ impl<'p> SampleRecorder<'p> {
         Ok(Some(KeptStep {
             unit: number,
             name: open.unit.name(self.plan),
-            angles_deg: Some(open.unit.angles_deg(self.plan)),
+            angles_deg: open.unit.angles_deg(self.plan),
             turn: None,
             from: open.from,
             to,

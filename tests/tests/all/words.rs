@@ -52,13 +52,11 @@ const NOUNS: &[&str] = &[
 
 /// Files in which an old word stands because it is refused, or because an interface keeps it.
 const EXCEPT: &[&str] = &[
-    "tests/tests/all/before.rs",
     "client/c/src/lag.rs",
     "client/c/abi/libisotherm_client.so.0",
     "shared/src/document.rs",
     "calibration/fit/src/provenance/tumble.rs",
     "support/src/finding/name.rs",
-    "cli/offline/src/commands/calibrate/former.rs",
     "cli/tests/all/findings.rs",
     "docs/glossary.md",
 ];

@@ -102,7 +102,6 @@ pub enum Entry {
         /// Digest of the table.
         digest: String,
         /// The bottom line: errors of its curves.
-        #[serde(default)]
         accuracy: String,
     },
     /// There is no table.
@@ -114,8 +113,7 @@ pub enum Entry {
     Verified {
         /// The run's file.
         run: String,
-        /// Outer and inner angle of its attitude \[deg\]; `None` in the journal of an older version.
-        #[serde(default)]
+        /// Outer and inner angle of its attitude \[deg\].
         angles_deg: Option<[f64; 2]>,
         /// The largest error that it shows; `None` if it shows none.
         largest: Option<LargestError>,
@@ -165,9 +163,8 @@ pub struct KeptStep {
     pub unit: usize,
     /// Its name, as messages show it.
     pub name: String,
-    /// Outer and inner angle of the turntable, where a turn begins \[deg\]; `None` in the journal of an older version.
-    #[serde(default)]
-    pub angles_deg: Option<[f64; 2]>,
+    /// Outer and inner angle of the turntable, where a turn begins \[deg\].
+    pub angles_deg: [f64; 2],
     /// The read-backs of a turn; `None` for other units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn: Option<TurnReadBacks>,

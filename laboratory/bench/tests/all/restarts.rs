@@ -1,11 +1,11 @@
 //! Runners that end, and others that go on.
 
-use crate::course::{assert_complete, assert_done, assert_in_standby, at, events, kill_at, one_set_point};
+use crate::course::{assert_complete, assert_done, assert_in_standby, at, kill_at, one_set_point};
 use isotherm_automation::finish::Finish;
 use isotherm_automation::journal::Journal;
 use isotherm_client::{Options, domain};
 use isotherm_fit::{AlignmentChoice, LagChoice};
-use isotherm_laboratory_bench::{Campaign, FaultPlan, ScriptAction, ScriptStep, Trigger, events_on_page};
+use isotherm_laboratory_bench::{Campaign, ScriptAction, ScriptStep, Trigger, events_on_page};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::worst_errors;
 use std::fs::{self, File};
@@ -98,4 +98,3 @@ pub(crate) fn fitted(campaign: &Campaign, alignment: AlignmentChoice) -> Coeffic
     finish.run(&campaign.plan, &mut journal, &nobody, &AtomicUsize::default()).unwrap();
     CoefficientTable::from_toml(&campaign.file("table.toml"), None).unwrap()
 }
-

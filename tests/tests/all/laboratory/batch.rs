@@ -181,7 +181,7 @@ fn complete_campaign(mounting_b: &str, drops_b: bool) -> (TestDomain, Plan) {
     }
     let [reason, turntable, chamber] =
         ["all data are taken", "turntable stopped", "chamber in standby"].map(String::from);
-    journal.write(Entry::Safe { reason, stopped: Some(false), turntable, chamber, certain: true }).unwrap();
+    journal.write(Entry::Safe { reason, stopped: false, turntable, chamber, certain: true }).unwrap();
     (domain, plan)
 }
 

@@ -86,7 +86,7 @@ impl Complete {
         }
         let [turntable, chamber] = ["turntable stopped", "chamber in standby"].map(String::from);
         let reason = "all data are taken".to_owned();
-        journal.write(Entry::Safe { reason, stopped: Some(false), turntable, chamber, certain: true }).unwrap();
+        journal.write(Entry::Safe { reason, stopped: false, turntable, chamber, certain: true }).unwrap();
     }
 
     /// Puts the table of the unchanged samples in force.
