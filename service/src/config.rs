@@ -1,7 +1,8 @@
 //! The service's configuration, from a file, the command line, or both.
 
 use isotherm_client::transport::stream::RAW_DEPTH;
-use isotherm_files::{LoadError, Trust, read_text};
+use isotherm_documents::{LoadError, read_text};
+use isotherm_files::Trust;
 use isotherm_shared::document::{Document, Faults, Section};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::difference::{Limit, MaxChange};

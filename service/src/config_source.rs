@@ -7,7 +7,8 @@
 use crate::config::{AtStart, Config, Imu, MAX_IMUS};
 use crate::memory::StateFolder;
 use isotherm_client::{Domain, ImuId};
-use isotherm_files::{LoadError, Trust};
+use isotherm_documents::LoadError;
+use isotherm_files::Trust;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::fs;
 use std::path::{Path, PathBuf};

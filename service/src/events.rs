@@ -2,7 +2,7 @@
 //! happens outside, however often, takes memory or holds a signal up.
 
 use crate::memory::KeptTables;
-use isotherm_files::LoadError;
+use isotherm_documents::LoadError;
 use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeMap;
 use std::mem;

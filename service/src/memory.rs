@@ -16,7 +16,8 @@
 //! What another user could have written or taken away is not believed.
 
 use isotherm_client::{Domain, ImuId, Note, ROOT_VARIABLE, STATE_VARIABLE};
-use isotherm_files::{Trust, load_table, read_text, replace, uninterrupted};
+use isotherm_documents::{load_table, read_text};
+use isotherm_files::{Trust, replace, uninterrupted};
 use isotherm_shared::table::{CoefficientTable, UNSEALED};
 use isotherm_support::failure::shown;
 use rustix::fs::{FsWord, statfs};

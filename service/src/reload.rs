@@ -12,7 +12,8 @@
 //! The control thread gets what was found as an event.
 
 use crate::events::{EventQueue, FileChange, FileReport};
-use isotherm_files::{Identity, LoadError, Trust, load_table};
+use isotherm_documents::{LoadError, load_table};
+use isotherm_files::{Identity, Trust};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_support::failure::shown;

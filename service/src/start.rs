@@ -123,7 +123,7 @@ mod tests {
     use super::*;
     use crate::memory::KeptTables;
     use isotherm_client::{Domain, ImuId};
-    use isotherm_files::LoadError;
+    use isotherm_documents::LoadError;
     use isotherm_shared::table::CoefficientTable;
     use isotherm_shared::table::difference::MaxChange;
     use std::path::PathBuf;

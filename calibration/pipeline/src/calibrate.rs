@@ -4,7 +4,8 @@ use crate::files::{Bar, CampaignFile};
 use crate::laid_out::{PositionData, by_position, of_means};
 use crate::samples::RowSource;
 use isotherm_campaign::{Campaign, Ramp};
-use isotherm_files::{Trust, load_table_text, sources};
+use isotherm_documents::load_table_text;
+use isotherm_files::{Trust, sources};
 use isotherm_fit::{
     CalibrationData, CalibrationError, CalibrationOptions, CalibrationOutcome, CampaignSource, Measurements,
     RampRecording, TumbleOptions, TumbleRecording, WarmUpOptions, observable, read_measurements, sha256,

@@ -12,7 +12,8 @@ mod toml;
 
 use crate::files::Bar;
 use isotherm_autopilot::{Autopilot, ImportError, ImportOptions, import};
-use isotherm_files::{LoadError, read_parameters, source};
+use isotherm_documents::{LoadError, read_parameters};
+use isotherm_files::source;
 use isotherm_recording_formats::convert::{Foreign, Settings, imus_of_log, known_format};
 use isotherm_recording_formats::read::Samples;
 use isotherm_shared::content::FileContent;

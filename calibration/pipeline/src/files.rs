@@ -1,7 +1,8 @@
 //! The files of a calibration.
 
 use isotherm_campaign::{Campaign, select_imu};
-use isotherm_files::{LoadError, Trust, read_text};
+use isotherm_documents::{LoadError, read_text};
+use isotherm_files::Trust;
 use isotherm_recording::{Observer, Progress};
 use isotherm_recording_formats::convert::Mapping;
 use isotherm_shared::document::Faults;

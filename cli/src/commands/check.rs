@@ -4,7 +4,7 @@
 use isotherm_acquire::Description;
 use isotherm_automation::plan::Plan;
 use isotherm_command::check::CheckedFiles;
-use isotherm_files::LoadError;
+use isotherm_documents::LoadError;
 use isotherm_offline::commands::CHECKED_FILES;
 use isotherm_ros2::NodeDescription;
 use isotherm_service::commands::check::configuration;

@@ -2,7 +2,8 @@
 
 use clap::Args;
 use isotherm_automation::in_force::changes;
-use isotherm_files::{Installation, Trust, load_table, print};
+use isotherm_documents::load_table;
+use isotherm_files::{Installation, Trust, print};
 use isotherm_shared::names::ImuId;
 use isotherm_support::failure::{Exit, Failure, shown};
 use std::path::PathBuf;

@@ -208,7 +208,6 @@ mod tests {
                 (11.0, bad, "alarm or fault"),
                 (12.0, bad, "stop"),
                 (13.0, bad, "alarm or fault"),
-                (14.0, warning, "safe state"),
                 (last, good, "end"),
             ]
         );

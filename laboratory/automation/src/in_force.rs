@@ -3,7 +3,8 @@
 
 use super::plan::Plan;
 use isotherm_client::{ImuId, Options, fetch_status};
-use isotherm_files::{Identity, Trust, load_table};
+use isotherm_documents::load_table;
+use isotherm_files::{Identity, Trust};
 use isotherm_shared::table::{Axis, CoefficientTable};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown, tell};

@@ -3,7 +3,8 @@
 use super::journal::{self, Entry, JOURNAL, JournalLine, LargestError};
 use super::page::utc;
 use super::plan::Plan;
-use isotherm_files::{Trust, load_table};
+use isotherm_documents::load_table;
+use isotherm_files::Trust;
 use isotherm_support::failure::{Failure, shown};
 use serde::Serialize;
 use std::fmt::{self, Write as _};
@@ -214,13 +215,13 @@ mod tests {
     }
 
     #[test]
-    fn the_last_fit_counts_and_an_older_journal_is_read() {
-        let old = r#"{"unix_s":1.0,"event":"calibrated","digest":"sha256:1"}
+    fn the_last_fit_counts() {
+        let old = r#"{"unix_s":1.0,"event":"calibrated","digest":"sha256:1","accuracy":"within 5 ug0"}
 {"unix_s":2.0,"event":"installed","digest":"sha256:1","file":"/imu-a.toml"}"#;
         let outcome = lines(old);
         assert_eq!(
             outcome.to_string(),
-            "fit, 1970-01-01T00:00:01Z: sha256:1\ninstalled, 1970-01-01T00:00:02Z: as /imu-a.toml; there is no whole table now\n"
+            "fit, 1970-01-01T00:00:01Z: sha256:1\nwithin 5 ug0\ninstalled, 1970-01-01T00:00:02Z: as /imu-a.toml; there is no whole table now\n"
         );
         let begun = lines(&format!("{old}\n{}", r#"{"unix_s":3.0,"event":"fit_begun"}"#));
         assert_eq!(begun.to_string(), "fit, 1970-01-01T00:00:03Z: begun, without a result yet\n");

@@ -18,7 +18,8 @@ pub use model::{
 };
 
 use isotherm_campaign::Position;
-use isotherm_files::{LoadError, Trust, read_text};
+use isotherm_documents::{LoadError, read_text};
+use isotherm_files::Trust;
 use isotherm_shared::document::{Document, Faults};
 use std::path::Path;
 

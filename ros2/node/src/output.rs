@@ -5,7 +5,8 @@ use isotherm_acquire::Notice;
 use isotherm_client::{
     CompensatedIncrement, ConnectError, Flags, ImuId, IncrementReader, Options, UnixClock, monotonic_ns,
 };
-use isotherm_files::{Trust, read_text};
+use isotherm_documents::read_text;
+use isotherm_files::Trust;
 use isotherm_ros2::{
     IMU, ImuComposer, NoiseDensities, OutputCounts, OutputReport, OutputSettings, SensorImu, StampClock, StampState,
     TableErrors, TimeMessage,

@@ -4,7 +4,8 @@ use crate::input::Input;
 use crate::network::Network;
 use crate::output::{Output, lock};
 use isotherm_client::UnixClock;
-use isotherm_files::{Trust, read_text};
+use isotherm_documents::read_text;
+use isotherm_files::Trust;
 use isotherm_fit::TableFile;
 use isotherm_ros2::{
     DIAGNOSTIC_ARRAY, DiagnosticArrayMessage, NodeDescription, QueueSettings, SensorTemperature, TEMPERATURE,

@@ -2,7 +2,8 @@
 
 use crate::config::{Config, WorkerRealtime};
 use isotherm_client::{Realtime, check_room};
-use isotherm_files::{LoadError, Trust, load_table};
+use isotherm_documents::{LoadError, load_table};
+use isotherm_files::Trust;
 use isotherm_support::failure::{Failure, shown};
 use std::path::Path;
 

@@ -1,10 +1,24 @@
 //! Which state of a file was read.
 
 use std::fs::{self, Metadata};
+use std::io;
 #[cfg(not(target_os = "wasi"))]
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Makes a call again that a signal has interrupted. The standard library does so for most calls, but not for `stat`.
+///
+/// # Errors
+/// Those of the call.
+pub fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    loop {
+        match call() {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            result => return result,
+        }
+    }
+}
 
 /// Identifies one state of a file: it changes when the file is replaced or written.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]

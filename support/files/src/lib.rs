@@ -1,13 +1,12 @@
 //! How Isotherm's programs read and write files.
 //!
-//! Tables and configurations are checked while they are read ([`load_table`], [`read_text`]): a pipe, a file that is
-//! too large, or a file that changes during reading is refused. A result file appears whole or not at all ([`Output`]):
+//! A result file appears whole or not at all ([`Output`]):
 //! it is written under a temporary name and renamed when it is complete. Rows that cannot be had again stay under a
 //! name of their own if the command ends early ([`LiveFile`]).
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! use isotherm_files::{Output, Trust, read_text};
+//! use isotherm_files::Output;
 //! use std::io::Write as _;
 //!
 //! let folder = tempfile::tempdir()?;
@@ -16,7 +15,7 @@
 //! output.write_all(b"whole\n")?;
 //! assert!(!path.exists()); // it has a temporary name yet
 //! output.finish()?;
-//! assert!(read_text(&path, Trust::Owned).is_ok_and(|(text, _)| text == "whole\n"));
+//! assert_eq!(std::fs::read_to_string(&path)?, "whole\n");
 //! # Ok(())
 //! # }
 //! ```
@@ -29,7 +28,6 @@ mod identity;
 mod install;
 #[cfg(not(target_os = "wasi"))]
 mod live;
-mod load;
 mod output;
 #[cfg_attr(target_os = "wasi", path = "wasi/place.rs")]
 mod place;
@@ -44,12 +42,11 @@ mod trust;
 
 #[cfg(not(target_os = "wasi"))]
 pub use disk::Disk;
-pub use identity::Identity;
+pub use identity::{Identity, uninterrupted};
 #[cfg(not(target_os = "wasi"))]
 pub use install::Installation;
 #[cfg(not(target_os = "wasi"))]
 pub use live::{LiveFile, Partial, partial_path, target_of};
-pub use load::{LoadError, load_table, load_table_text, read_parameters, read_text, uninterrupted};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 #[cfg(not(target_os = "wasi"))]
 pub use place::{check_own_folder, create_own_folder, exchange, sync_folder};

@@ -36,30 +36,32 @@ impl Trust {
     pub const fn protected_unless(given: bool) -> Self {
         if given { Self::Any } else { Self::Protected }
     }
-}
 
-/// Why the file, which has been opened by this path, is not trusted.
-#[cfg(not(target_os = "wasi"))]
-pub(crate) fn refusal(trust: Trust, path: &Path, opened: &Metadata) -> Option<String> {
-    let name = shown(path);
-    if trust != Trust::Any && opened.mode() & 0o002 != 0 {
-        return Some(format!("everybody may write it; chmod o-w {name}, or give --allow-world-writable"));
-    }
-    if trust != Trust::Owned {
-        return None;
-    }
-    // Another user could have made a link to a file that would be trusted by itself.
-    let link = std::fs::symlink_metadata(path).ok().filter(Metadata::is_symlink);
-    let mut owners = [Some(opened), link.as_ref()].into_iter().flatten().map(Metadata::uid);
-    let (foreign, own) = (owners.find(|owner| !is_trusted(*owner))?, geteuid().as_raw());
-    Some(format!(
-        "it belongs to user {foreign}, who could change what the service does; if it is as it should be, chown -h {own} {name}, \
+    /// Why the file, which has been opened by this path, is not trusted.
+    #[cfg(not(target_os = "wasi"))]
+    #[must_use]
+    pub fn refusal(self, path: &Path, opened: &Metadata) -> Option<String> {
+        let name = shown(path);
+        if self != Self::Any && opened.mode() & 0o002 != 0 {
+            return Some(format!("everybody may write it; chmod o-w {name}, or give --allow-world-writable"));
+        }
+        if self != Self::Owned {
+            return None;
+        }
+        // Another user could have made a link to a file that would be trusted by itself.
+        let link = std::fs::symlink_metadata(path).ok().filter(Metadata::is_symlink);
+        let mut owners = [Some(opened), link.as_ref()].into_iter().flatten().map(Metadata::uid);
+        let (foreign, own) = (owners.find(|owner| !is_trusted(*owner))?, geteuid().as_raw());
+        Some(format!(
+            "it belongs to user {foreign}, who could change what the service does; if it is as it should be, chown -h {own} {name}, \
          or give --allow-world-writable"
-    ))
-}
+        ))
+    }
 
-/// Files of nobody else are there.
-#[cfg(target_os = "wasi")]
-pub(crate) fn refusal(_: Trust, _: &Path, _: &Metadata) -> Option<String> {
-    None
+    /// Files of nobody else are there.
+    #[cfg(target_os = "wasi")]
+    #[must_use]
+    pub fn refusal(self, _: &Path, _: &Metadata) -> Option<String> {
+        None
+    }
 }

@@ -3,7 +3,8 @@
 use super::model::{DescribedKind, FileDescription};
 use super::rows::ImuSummary;
 use crate::files::CampaignFile;
-use isotherm_files::{LoadError, Trust, load_table, read_text};
+use isotherm_documents::{LoadError, load_table, read_text};
+use isotherm_files::Trust;
 use isotherm_fit::observable;
 use isotherm_recording_formats::convert::Mapping;
 use isotherm_shared::document::{Document, MAX_BYTES};

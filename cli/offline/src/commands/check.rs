@@ -1,7 +1,7 @@
 //! What `check` reads in addition to tables without a service and a laboratory: campaign files, mappings, recordings.
 
 use isotherm_command::check::CheckedFiles;
-use isotherm_files::LoadError;
+use isotherm_documents::LoadError;
 use isotherm_fit::observable;
 use isotherm_pipeline::CampaignFile;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};

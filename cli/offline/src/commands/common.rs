@@ -3,7 +3,8 @@
 use crate::parse::one_of;
 use clap::Args;
 use isotherm_autopilot::logs::GyroscopeTemperature;
-use isotherm_files::{LoadError, Trust, load_table, print_data, read_text, source};
+use isotherm_documents::{LoadError, load_table, read_text};
+use isotherm_files::{Trust, print_data, source};
 use isotherm_fit::Origin;
 use isotherm_pipeline::JobFailure;
 use isotherm_recording_formats::convert::{Foreign, Settings, TimeSource};

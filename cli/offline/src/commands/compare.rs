@@ -3,7 +3,8 @@
 use super::common::{AcceptanceArgs, JsonOption, or_document};
 use clap::Args;
 use isotherm_analysis::{ComparisonRequirement, compare};
-use isotherm_files::{LoadError, StagedText, Trust, check_stdout, check_written, print, read_text, refuse_overlap};
+use isotherm_documents::{LoadError, read_text};
+use isotherm_files::{StagedText, Trust, check_stdout, check_written, print, refuse_overlap};
 use isotherm_fit::{TableFile, tool};
 use isotherm_pipeline::{JobFailure, now};
 use isotherm_report::comparison::{ComparisonSource, document, html, text};

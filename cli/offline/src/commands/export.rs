@@ -3,7 +3,8 @@
 use crate::parse::one_of;
 use clap::Args;
 use isotherm_autopilot::{Autopilot, Effect, ExportOptions, ExportedParameters, export, size};
-use isotherm_files::{StagedText, Trust, load_table, read_text, refuse_overlap};
+use isotherm_documents::{load_table, read_text};
+use isotherm_files::{StagedText, Trust, refuse_overlap};
 use isotherm_fit::Origin;
 use isotherm_recording::LogImu;
 use isotherm_support::failure::{Failure, shown};

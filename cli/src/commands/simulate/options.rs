@@ -2,7 +2,8 @@
 
 use super::memory::MemoryOptions;
 use clap::Args;
-use isotherm_files::{Output, StagedText, Trust, load_table, print};
+use isotherm_documents::load_table;
+use isotherm_files::{Output, StagedText, Trust, print};
 use isotherm_offline::parse::{gravity, latitude, size, sizes, vibration};
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{CoefficientTable, Content, ContentFault};

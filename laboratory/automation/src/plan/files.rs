@@ -1,7 +1,8 @@
 //! The names of the files in a campaign's folder. Those of an IMU of a batch have its name in them.
 
 use super::model::Plan;
-use isotherm_files::{Trust, read_text, replace};
+use isotherm_documents::read_text;
+use isotherm_files::{Trust, replace};
 use isotherm_support::failure::{Failure, shown};
 
 /// The file of the dwells' samples of a single IMU.

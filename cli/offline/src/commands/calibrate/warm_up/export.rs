@@ -2,7 +2,8 @@
 
 use crate::commands::export::{ParameterArgs, tell_exported};
 use isotherm_autopilot::{Autopilot, ExportOptions, ExportedParameters, Parameters, ReadError, export};
-use isotherm_files::{LoadError, StagedText, read_parameters};
+use isotherm_documents::{LoadError, read_parameters};
+use isotherm_files::StagedText;
 use isotherm_fit::OnBoard;
 use isotherm_pipeline::JobOutcome;
 use isotherm_support::failure::{Exit, Failure, shown};

@@ -1,7 +1,8 @@
 //! `check`: validates files with the code that loads them.
 
 use clap::Args;
-use isotherm_files::{LoadError, Trust, load_table, print, read_text, remove_unfinished_on_signals, replace};
+use isotherm_documents::{LoadError, load_table, read_text};
+use isotherm_files::{Trust, print, remove_unfinished_on_signals, replace};
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Document, Fault, Faults, MAX_BYTES};
 use isotherm_shared::kind::FileKind;

@@ -1,9 +1,7 @@
 //! Reads a table or configuration. Checks the kind of file, its size and who may write it, and returns which state of
 //! the file was read.
 
-use crate::identity::Identity;
-use crate::place::open_without_waiting;
-use crate::trust::{Trust, refusal};
+use isotherm_files::{Identity, Trust, open_without_waiting, uninterrupted};
 use isotherm_shared::content::FileContent;
 use isotherm_shared::document::{Fault, Faults, MAX_BYTES, too_large};
 use isotherm_shared::names::ImuId;
@@ -38,19 +36,6 @@ impl fmt::Display for LoadError {
         match self {
             Self::Io { path, cause } => write!(f, "reading {}: {cause}", shown(path)),
             Self::Refused { path, faults } => f.write_str(&faults.of(path)),
-        }
-    }
-}
-
-/// Makes a call again that a signal has interrupted. The standard library does so for most calls, but not for `stat`.
-///
-/// # Errors
-/// Those of the call.
-pub fn uninterrupted<T>(mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
-    loop {
-        match call() {
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            result => return result,
         }
     }
 }
@@ -91,7 +76,7 @@ fn read(
     if !before.is_file() {
         return Err(refused(1, "not a regular file".to_owned()));
     }
-    if let Some(refusal) = refusal(trust, path, &before) {
+    if let Some(refusal) = trust.refusal(path, &before) {
         return Err(refused(1, refusal));
     }
     let mut bytes = Vec::new();
