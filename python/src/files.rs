@@ -17,7 +17,7 @@ pub(crate) fn write_texts(py: Python<'_>, texts: Vec<(PathBuf, String)>) -> PyRe
     }
     let write = || {
         let staged = texts.iter().map(|(path, text)| StagedText::create(Some(&resolved(path)))?.write(text));
-        StagedText::finish_together(staged.collect::<Result<_, _>>()?)
+        StagedText::finish_all(staged.collect::<Result<_, _>>()?)
     };
     py.detach(write).map_err(|failure: Failure| PyOSError::new_err(failure.message))
 }

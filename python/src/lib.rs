@@ -53,7 +53,7 @@ mod _isotherm {
     #[pymodule_export]
     use crate::noise::{noise, noise_of_rates};
     #[pymodule_export]
-    use crate::offline::{Stability, regress, repair, replay, time_warnings, verify};
+    use crate::offline::{Stability, regress, replay, time_warnings, verify};
     #[pymodule_export]
     use crate::parameters::{Exported, export_parameters, export_vehicle, import_parameters};
     #[pymodule_export]

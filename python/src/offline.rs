@@ -1,7 +1,6 @@
 //! The offline tools on arrays. The libraries do the arithmetic; this module converts arguments and results.
 
-use crate::convert::exception;
-use crate::errors::{StabilityError, file, in_python};
+use crate::errors::{StabilityError, in_python};
 use crate::recordings::{order_fault, refuse_disorder};
 use crate::records::{
     Fields, INCREMENT, RAW, Values, array, document, increment_bytes, increments, python, screen, view,
@@ -10,7 +9,7 @@ use crate::table::Table;
 use crate::value::{Reduced, Value, reduced};
 use crate::work::Work;
 use isotherm_fit::{Origin, tool};
-use isotherm_pipeline::{now, repair_into};
+use isotherm_pipeline::now;
 use isotherm_recording::Continuity;
 use isotherm_report::json::verification;
 use isotherm_report::verification::{VerificationSource, html as report_html};
@@ -31,7 +30,6 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::borrow::Cow;
-use std::fs::File;
 use std::path::PathBuf;
 
 /// The increments of raw samples; samples and increments are bytes.
@@ -86,16 +84,6 @@ pub(crate) fn with_lag(samples: &[u8], table: &CoefficientTable) -> impl Iterato
         lag.complete(&mut sample, has_lag);
         sample
     })
-}
-
-/// Takes what is whole of a recording into another file. Returns what was taken and lost, as the JSON document of
-/// `isotherm repair --json`.
-#[pyfunction]
-pub(crate) fn repair(py: Python<'_>, source: PathBuf, target: PathBuf) -> PyResult<String> {
-    // Python's own exception for a file that cannot be opened.
-    File::open(&source).map_err(|error| file(&source, &error))?;
-    let repaired = py.detach(|| repair_into(&source, &target)).map_err(|failure| exception(failure, None))?;
-    Ok(serde_json::json!(repaired).to_string())
 }
 
 /// One polynomial regression with its order table, as the JSON document of `isotherm regress --json`.

@@ -14,6 +14,7 @@ use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{CompensatedIncrement, StreamSample};
 use isotherm_support::checkpoint::checkpoint;
 use isotherm_support::failure::Failure;
+use isotherm_support::finding::Finding;
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -71,16 +72,17 @@ pub(crate) fn read_recording<'py>(
     let input = Input::from(choice_of(imu)?).within(part_of(part)?);
     let warnings = Warnings::default();
     let progress = warnings.clone();
-    let read = move || -> Result<Vec<u8>, Failure> {
+    let read = move || -> Result<(Vec<u8>, Vec<Finding>), Failure> {
         let mut bytes = Vec::new();
-        for sample in Samples::open(&sources(&paths)?, input, &Progress::new(progress))? {
+        let mut samples = Samples::open(&sources(&paths)?, input, &Progress::new(progress))?;
+        for sample in samples.by_ref() {
             checkpoint();
             bytes.extend_from_slice(&raw_bytes(&sample?));
         }
-        Ok(bytes)
+        Ok((bytes, samples.recording().findings()))
     };
-    let bytes = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
-    Ok((array(py, bytes), warnings.take()))
+    let (bytes, findings) = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
+    Ok((array(py, bytes), warnings.take().into_iter().chain(findings.iter().map(told)).collect()))
 }
 
 /// The increments of a file of any format, as bytes, and what the user should know.
@@ -96,17 +98,23 @@ pub(crate) fn read_increments<'py>(
     let choice = choice_of(imu)?;
     let warnings = Warnings::default();
     let progress = warnings.clone();
-    let read = move || -> Result<Vec<u8>, Failure> {
+    let read = move || -> Result<(Vec<u8>, Vec<Finding>), Failure> {
         let mut bytes = Vec::new();
         let take = |increment: CompensatedIncrement| {
             checkpoint();
             bytes.extend_from_slice(&increment_bytes(&increment));
         };
-        isotherm_recording_formats::read::read_increments(&source(path), &choice, &Progress::new(progress), take)?;
-        Ok(bytes)
+        let progress = Progress::new(progress);
+        let findings = isotherm_recording_formats::read::read_increments(&source(path), &choice, &progress, take)?;
+        Ok((bytes, findings))
     };
-    let bytes = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
-    Ok((array(py, bytes), warnings.take()))
+    let (bytes, findings) = Work::new(None).run(py, read)?.map_err(|failure| exception(failure, None))?;
+    Ok((array(py, bytes), warnings.take().into_iter().chain(findings.iter().map(told)).collect()))
+}
+
+/// A finding as a warning says it.
+fn told(finding: &Finding) -> String {
+    finding.tagged(|line| line.to_string()).to_string()
 }
 
 fn choice_of(imu: Option<&str>) -> PyResult<ImuChoice> {
@@ -128,7 +136,6 @@ pub(crate) fn write_recording(py: Python<'_>, path: PathBuf, samples: Values<u8>
                     RawCsvWriter::of_sessions(sink, has_temperature, layout)?.into()
                 }
                 Format::Csv => RawCsvWriter::with_layout(sink, "", has_temperature, layout)?.into(),
-                Format::Parquet => RowWriter::parquet(sink, &imu, StreamKind::Raw, layout)?,
                 Format::Mcap | Format::Ros => RowWriter::mcap(sink, &imu, StreamKind::Raw, layout)?,
             };
             work.rows(0, all()).try_for_each(|raw| writer.write(StreamSample::Raw(raw)))?;
@@ -157,7 +164,6 @@ pub(crate) fn write_increments(
         write_file(&path, |sink| {
             let mut writer = match format {
                 Format::Csv => IncrementCsvWriter::new(sink, IncrementLayout { gyroscopes, delivery })?.into(),
-                Format::Parquet => RowWriter::parquet(sink, &imu, StreamKind::Increment, layout)?,
                 Format::Mcap | Format::Ros => RowWriter::mcap(sink, &imu, StreamKind::Increment, layout)?,
             };
             work.rows(0, all()).try_for_each(|increment| writer.write(StreamSample::Increment(increment)))?;

@@ -176,8 +176,6 @@ def test_what_the_documents_show(domain: DomainUnderTest, document: Path, monkey
         shutil.copy(file, domain.folder)
     shutil.copy(REPOSITORY / "calibration/fit/tests/data/any_lab/tumble3/recording.csv", domain.folder / "tumble.csv")
     shutil.copy(REPOSITORY / "recording/formats/tests/data/autopilots/heating.BIN", domain.folder / "warm-up.BIN")
-    whole = (REPOSITORY / "recording/formats/tests/data/none-plain.parquet").read_bytes()
-    (domain.folder / "damaged.parquet").write_bytes(whole[:1000] + bytes([whole[1000] ^ 1]) + whole[1001:])
     domain.isotherm("simulate", "run", "-o", domain.folder / "still", "--interval", "1")
     monkeypatch.chdir(domain.folder)
     program = "\n".join(blocks(document))

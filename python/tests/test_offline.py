@@ -796,41 +796,14 @@ def test_calibrate_one_imu_of_a_batch(tmp_path: Path) -> None:
     assert without_what_differs((tmp_path / "imu-b.toml").read_text()) == without_what_differs(calibration.text)
 
 
-def test_repair_takes_the_rows_around_damage(tmp_path: Path) -> None:
-    whole = (REPOSITORY / "recording/formats/tests/data/unchecked/recorded.csv").read_text()
-    lines = whole.splitlines(keepends=True)
-    damaged, taken = tmp_path / "damaged.csv", tmp_path / "taken.csv"
-    damaged.write_text("".join([*lines[:5], lines[5].replace("50000000", "5000z000", 1), *lines[6:]]))
-    with pytest.raises(isotherm.RecordingFault, match="damaged.csv:6"):
-        isotherm.read_recording(damaged)
-    found = isotherm.repair(damaged, taken)
-    assert taken.read_text() == "".join(lines[:5] + lines[6:])
-    assert (found["format"], found["has_checks"], len(found["holes"])) == ("csv", False, 1)
-    assert found["streams"] == [{"name": "raw", "rows": 39, "sessions": 2}]
-    loss = found["holes"][0]["losses"][0]
-    assert (loss["rows"], loss["before"]["sequence"], loss["behind"]["sequence"]) == (1, 3, 5)
-    # The command says the same, and neither replaces a file.
-    assert json.loads(command("repair", damaged, "-o", tmp_path / "by_command.csv", "--json")) == found
-    assert (tmp_path / "by_command.csv").read_bytes() == taken.read_bytes()
-    with pytest.raises(OSError, match="a recording is never replaced"):
-        isotherm.repair(damaged, taken)
-    taken.unlink()
+def test_a_damaged_row_is_left_out_with_a_warning(tmp_path: Path) -> None:
+    samples = isotherm.read_recording(RUN)
+    lines = RUN.read_text().splitlines(keepends=True)
+    damaged = tmp_path / "damaged.csv"
+    damaged.write_text("".join([*lines[:5], lines[5].replace(",", "z,", 2), *lines[6:]]))
+    with pytest.warns(UserWarning, match="1 damaged place is left out; the first is line 6, behind row 4"):
+        left = isotherm.read_recording(damaged)
+    assert left.tobytes() == np.delete(samples, 4).tobytes()
     damaged.write_text("")
     with pytest.raises(isotherm.RecordingFault, match="the file is empty"):
-        isotherm.repair(damaged, taken)
-
-
-def test_rows_are_read_by_their_checks(tmp_path: Path) -> None:
-    path = tmp_path / "recorded.csv"
-    whole = (REPOSITORY / "recording/formats/tests/data/unchecked/recorded.csv").read_text()
-    header, *rows = whole.splitlines()
-    checked = [f"{header},check", *(f"{row},{zlib.crc32(row.encode()):08x}" for row in rows)]
-    path.write_text("\n".join(checked) + "\n")
-    samples = isotherm.read_recording(path)
-    assert len(samples) == 40
-    # Another program reads the columns that it knows, by name.
-    frame = pd.read_csv(path, dtype={"session": "uint64", "device": str, "check": str})
-    assert (frame["sequence"] == samples["sequence"]).all() and frame["check"].str.len().eq(8).all()
-    path.write_text("\n".join([*checked[:3], checked[3].replace(",2,", ",3,", 1), *checked[4:]]) + "\n")
-    with pytest.raises(isotherm.RecordingFault, match="recorded.csv:4: the row does not match its check"):
-        isotherm.read_recording(path)
+        isotherm.read_recording(damaged)

@@ -44,6 +44,8 @@ pub struct CampaignCsvReader<R> {
     samples: RawCsvReader<R>,
     /// Set point and position.
     campaign: Option<[CsvColumn; 2]>,
+    /// Whether no row was whole so far.
+    is_first: bool,
 }
 
 impl<R: Read> CampaignCsvReader<R> {
@@ -55,7 +57,7 @@ impl<R: Read> CampaignCsvReader<R> {
         let samples = RawCsvReader::new(source)?;
         let hint = "a campaign's rows are raw samples with the set point and the number of the position";
         let columns = samples.rows.columns(&CAMPAIGN.map(|column| column.name), hint)?;
-        Ok(Self { samples, campaign: columns.try_into().ok() })
+        Ok(Self { samples, campaign: columns.try_into().ok(), is_first: true })
     }
 
     /// Reads raw samples as rows without position, whose set point is 0.
@@ -63,7 +65,7 @@ impl<R: Read> CampaignCsvReader<R> {
     /// # Errors
     /// As [`RawCsvReader::new`].
     pub fn of_samples(source: R) -> Result<Self, RecordingError> {
-        Ok(Self { samples: RawCsvReader::new(source)?, campaign: None })
+        Ok(Self { samples: RawCsvReader::new(source)?, campaign: None, is_first: true })
     }
 
     /// The reader of the rows' samples.
@@ -93,8 +95,17 @@ impl<R: Read> Iterator for CampaignCsvReader<R> {
     type Item = Result<CampaignRow, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let row = self.samples.next()?.and_then(|sample| self.row(sample));
-        self.samples.failed |= row.is_err();
-        Some(row)
+        loop {
+            let row = self.samples.next()?.and_then(|sample| self.row(sample));
+            match row {
+                // If the first one is damaged, all may be: it is not the file of a campaign.
+                Err(error) if !self.samples.failed && !self.is_first => self.samples.leave_out(error).ok()?,
+                row => {
+                    self.is_first = false;
+                    self.samples.failed |= row.is_err();
+                    return Some(row);
+                }
+            }
+        }
     }
 }

@@ -116,6 +116,16 @@ impl Layout {
     }
 }
 
+/// The layouts of a recorder's files: every choice of columns.
+pub fn layouts() -> impl Iterator<Item = (StreamKind, Layout)> {
+    let of = |bits: u8| {
+        let [device, gyroscopes, lag, unix_offset] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
+        Layout { device, gyroscopes, lag, unix_offset }
+    };
+    let raw = (0..16).map(move |bits| (StreamKind::Raw, of(bits)));
+    raw.chain([0, 2, 8, 10].map(move |bits| (StreamKind::Increment, of(bits))))
+}
+
 /// The flags that only an increment under a table with gyroscopes has.
 const GYROSCOPE_FLAGS: Flags = Flags(Flags((1 << 18) - 1).of_gyroscopes().0 | Flags::G_UNKNOWN.0);
 
@@ -167,8 +177,10 @@ pub const CAMPAIGN: [Column; 2] = [
     column(0, ColumnSet::Always, "position", ColumnKind::U32, "number of the position; empty while the table moves"),
 ];
 
-pub use isotherm_shared::content::{MCAP_MAGIC, PARQUET_MAGIC};
-/// First bytes and names of the binary formats of recordings.
+use isotherm_shared::content::PARQUET_MAGIC;
+
+pub use isotherm_shared::content::MCAP_MAGIC;
+/// First bytes and names of binary files that are no text.
 pub const BINARY_FORMATS: [(&[u8], &str); 2] = [(PARQUET_MAGIC, "Parquet"), (MCAP_MAGIC, "MCAP")];
 
 const HEAD: [Column; 5] = [

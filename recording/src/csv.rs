@@ -1,6 +1,5 @@
 //! Rows of a comma-separated text, with line numbers for messages. Other separators are detected on request.
 
-use crate::check::{DAMAGED, RowChecks, matches, of_header};
 use crate::columns::{BINARY_FORMATS, hex};
 use crate::error::RecordingError;
 use core::str::FromStr;
@@ -67,7 +66,6 @@ pub struct Rows<R> {
     quoted: bool,
     /// Begin and end of each field of the current row.
     fields: Vec<(usize, usize)>,
-    checks: RowChecks,
     /// Whether the checksums at the ends of lines are cut off.
     without_checksums: bool,
 }
@@ -89,7 +87,6 @@ impl<R: Read> Rows<R> {
             ends: Vec::new(),
             quoted: false,
             fields: Vec::new(),
-            checks: RowChecks::Absent,
             without_checksums: false,
         }
     }
@@ -303,71 +300,15 @@ impl<R: Read> Rows<R> {
         }
     }
 
-    /// Finds the column of the checks in the header, which must be the current row. From then on
-    /// [`verify`](Self::verify) looks at them.
+    /// Checks that the current row has `count` fields.
     ///
     /// # Errors
-    /// If the header is damaged.
-    pub fn find_checks(&mut self) -> Result<(), RecordingError> {
-        let names: Vec<_> = self.names().collect();
-        let is_it = self.separator == Separator::Comma;
-        self.checks = if is_it { of_header(&names).map_err(|message| self.error(message))? } else { RowChecks::Absent };
-        Ok(())
-    }
-
-    /// Says that the column with this index has the checks, where the header is damaged.
-    pub const fn expect_checks(&mut self, column: usize) {
-        self.checks = RowChecks::Column(column);
-    }
-
-    /// Whether the rows have checks.
-    #[must_use]
-    pub const fn has_checks(&self) -> bool {
-        matches!(self.checks, RowChecks::Column(_))
-    }
-
-    /// Checks that the current row has `count` fields, and that it is as it was recorded, where it has a check.
-    ///
-    /// # Errors
-    /// If it has another number of fields, or does not match its check.
+    /// If it has another number.
     pub fn verify(&self, count: usize) -> Result<(), RecordingError> {
-        if self.len() != count {
-            return Err(self.error(format!("{} fields, but the header has {count}; is the row cut?", self.len())));
+        if self.len() == count {
+            return Ok(());
         }
-        match self.checks {
-            RowChecks::Column(place) if !self.matches_check(place) => {
-                Err(self.error(format!("the row does not match its check; {DAMAGED}")))
-            }
-            RowChecks::Suspected if self.matches_check(count - 1) => Err(RecordingError::Data {
-                line: 1,
-                message: format!("the last column has the checks of the rows, but is not called so; {DAMAGED}"),
-            }),
-            _ => Ok(()),
-        }
-    }
-
-    /// Whether nobody knows the last column of the header, so that it may be that of the checks, with a damaged name.
-    #[must_use]
-    pub const fn may_have_checks(&self) -> bool {
-        matches!(self.checks, RowChecks::Suspected)
-    }
-
-    /// Whether the last field is the check of the current row, whatever the header says.
-    #[must_use]
-    pub fn ends_with_check(&self) -> bool {
-        self.len().checked_sub(1).is_some_and(|last| self.matches_check(last))
-    }
-
-    /// Whether the last line of a text with checks ends before its own.
-    #[must_use]
-    pub fn is_cut(&self) -> bool {
-        matches!(self.checks, RowChecks::Column(place) if !self.is_terminated() && !self.matches_check(place))
-    }
-
-    fn matches_check(&self, place: usize) -> bool {
-        let Some(&(begin, end)) = self.fields.get(place).filter(|_| !self.quoted) else { return false };
-        // The comma before the field is not part of the row's text.
-        begin > 0 && matches(&self.text[..begin - 1], &self.text[begin..end])
+        Err(self.error(format!("{} fields, but the header has {count}; is the row cut?", self.len())))
     }
 
     /// The current line, as it is in the text.

@@ -1,14 +1,14 @@
 //! Recordings: rows, the one list of columns, and CSV. Other formats are in `isotherm-recording-formats`.
 //!
 //! This crate reads from any source and writes to any sink; its callers open the files. Readers find columns by name,
-//! in any order, and ignore other columns:
+//! in any order, and ignore other columns. A row that cannot be read is left out and counted ([`DamagedPlaces`]):
 //!
 //! ```text
 //! raw:        sequence,timestamp_ns,interval_ns,a1_positive,a1_negative,a1_head,a1_board,a2_..,a3_..
 //!             [session] [telemetry_ns] [device] [g1_positive,..,g3_board] [lag_ns,a1_head_lagged,..,g3_head_lagged]
 //! campaign:   set_point_c,position, then the raw columns
 //! increments: sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,[g1_da,g2_da,g3_da,]table,flags     [delivery]
-//! of record:  all columns, then check: a CRC of the row, which every reader of these verifies
+//! of record:  all columns
 //! ```
 //!
 //! ```
@@ -24,10 +24,10 @@
 //! ```
 
 mod campaign;
-mod check;
 pub mod columns;
 mod continuity;
 pub mod csv;
+mod damage;
 mod device;
 mod error;
 pub mod foreign;
@@ -44,9 +44,10 @@ pub mod rows;
 pub mod steps;
 
 pub use campaign::{CampaignCsvReader, CampaignRow, POSITION, SET_POINT};
-pub use check::{CHECK, layouts, stream_of, with_field};
 pub use columns::Layout;
+pub use columns::layouts;
 pub use continuity::{Continuity, Losses, MISSING, TimeFault};
+pub use damage::{DamagedPlaces, RowsBefore};
 pub use device::other_device;
 pub use error::RecordingError;
 pub use increments::{ANGLE_CSV_COLUMNS, CSV_COLUMNS as INCREMENT_CSV_COLUMNS, IncrementCsvWriter, IncrementLayout};

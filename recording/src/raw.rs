@@ -5,14 +5,17 @@ use crate::columns::{
     RECORDED_NS, SENT_NS, SEQUENCE, SESSION, TELEMETRY_NS, TIMESTAMP_NS, UNIX_OFFSET, incomplete, load, store,
 };
 use crate::csv::{CsvColumn, Rows, missing_columns};
+use crate::damage::{DamagedPlaces, RowsBefore};
 use crate::error::RecordingError;
 use crate::pieces::SequenceRule;
 use crate::rows::append_value;
 use core::fmt::Display;
 use isotherm_shared::wire::RawSample;
+use isotherm_support::finding::Finding;
 use std::io::{self, Read, Write};
 
-/// Reads the raw samples of a CSV recording. An [`Iterator`] that ends at the first error.
+/// Reads the raw samples of a CSV recording. An [`Iterator`] that ends at the first error. A row that cannot be read is
+/// left out, and [`damage`](Self::damage) counts it; it is an error if no row can be read.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -34,6 +37,10 @@ pub struct RawCsvReader<R> {
     recorded_ns: Option<u64>,
     /// Line of a truncated last row.
     truncated: Option<u64>,
+    before: RowsBefore,
+    damaged: DamagedPlaces,
+    /// The error of the first row, while none is whole.
+    unread: Option<RecordingError>,
     pub(crate) failed: bool,
 }
 
@@ -56,9 +63,18 @@ impl<R: Read> RawCsvReader<R> {
         let mut rows = Rows::new(source);
         rows.next_row()?;
         let columns = RawColumns::find(&rows)?;
-        rows.find_checks()?;
         let sequence_rule = SequenceRule::default();
-        Ok(Self { rows, columns, sequence_rule, recorded_ns: None, truncated: None, failed: false })
+        Ok(Self {
+            rows,
+            columns,
+            sequence_rule,
+            recorded_ns: None,
+            truncated: None,
+            before: RowsBefore::default(),
+            damaged: DamagedPlaces::default(),
+            unread: None,
+            failed: false,
+        })
     }
 
     /// Sets the rule's state: that after the last sample of the previous piece of the recording.
@@ -91,19 +107,50 @@ impl<R: Read> RawCsvReader<R> {
     }
 
     /// A warning if the last line was truncated. `isotherm record` ends every line, so a last line without an end was
-    /// truncated by a crash and is ignored, unless it matches its check.
+    /// truncated by a crash and is ignored.
     #[must_use]
     pub fn truncation(&self) -> Option<String> {
         self.truncated.map(|line| format!("the recording was not ended properly: line {line} is cut and left out"))
     }
 
+    /// The rows that are damaged and left out so far.
+    #[must_use]
+    pub fn damage(&self) -> Option<Finding> {
+        self.damaged.finding(self.before)
+    }
+
+    /// Leaves out the current row, for this error.
+    pub(crate) fn leave_out(&mut self, error: RecordingError) -> Result<(), RecordingError> {
+        let RecordingError::Data { line, message } = &error else { return Err(error) };
+        self.damaged.take(format!("line {line}"), self.before, message.clone());
+        if self.before.is_empty() {
+            self.unread.get_or_insert(error);
+        }
+        Ok(())
+    }
+
     fn read(&mut self) -> Result<Option<RawSample>, RecordingError> {
+        loop {
+            match self.row() {
+                Ok(Some(mut sample)) => {
+                    self.sequence_rule.take(&mut sample).map_err(|message| self.rows.error(message))?;
+                    self.before.take(sample.timestamp_ns);
+                    return Ok(Some(sample));
+                }
+                Ok(None) => return self.unread.take().filter(|_| self.before.is_empty()).map_or(Ok(None), Err),
+                Err(error) => self.leave_out(error)?,
+            }
+        }
+    }
+
+    /// The next row, before its sequence is judged.
+    fn row(&mut self) -> Result<Option<RawSample>, RecordingError> {
         if !self.rows.next_row()? {
             return Ok(None);
         }
         let (row, columns) = (&self.rows, &self.columns);
-        // Without a check it is ignored even if it looks complete: its last number may have been longer.
-        if row.is_cut() || columns.recorded_ns.is_some() && !row.has_checks() && !row.is_terminated() {
+        // It is ignored even if it looks complete: its last number may have been longer.
+        if columns.recorded_ns.is_some() && !row.is_terminated() {
             self.truncated = Some(row.line());
             return Ok(None);
         }
@@ -119,7 +166,6 @@ impl<R: Read> RawCsvReader<R> {
             store(&mut sample, *index, value);
         }
         self.recorded_ns = columns.recorded_ns.as_ref().map(|column| row.integer(column)).transpose()?;
-        self.sequence_rule.take(&mut sample).map_err(|message| self.rows.error(message))?;
         Ok(Some(sample))
     }
 }
@@ -321,6 +367,8 @@ fn columns(telemetry_ns: bool, layout: Layout) -> Vec<usize> {
 mod tests {
     use super::*;
     use isotherm_shared::wire::Triad;
+    use isotherm_support::finding::{Severity, name};
+    use std::io::Cursor;
 
     const HEADER: &str = "a3_board,a3_head,a3_negative,a3_positive,a2_board,a2_head,a2_negative,a2_positive,a1_board,a1_head,a1_negative,a1_positive,extra,interval_ns,timestamp_ns,sequence";
 
@@ -370,15 +418,8 @@ mod tests {
         let rising = [row("18446744073709551614", "0", "1"), row(&highest, "0", "1")].concat();
         assert_eq!(read(&format!("{HEADER}\n{rising}")).unwrap()[1].sequence, u64::MAX);
         assert!(read_rows(&[row(&highest, "0", "1"), row("0", "0", "1")]).starts_with("line 3: sequence 0 after 1844"));
-        assert!(read_rows(&[good.clone(), row("6", "-1", "1")]).starts_with("line 3: a1_positive is \"-1\""));
-        assert!(read_rows(&[good.clone(), row("6", "1.5", "1")]).starts_with("line 3: a1_positive"));
-        assert!(read_rows(&[good.clone(), row("6", "4294967296", "1")]).starts_with("line 3: a1_positive"));
-        assert!(read_rows(&[good.clone(), row("6", "0", "warm")]).starts_with("line 3: a1_head is \"warm\""));
-        assert!(read_rows(&[good.clone(), row("6", "0", "1e999")]).starts_with("line 3: a1_head"));
         assert!(read_rows(&[row("", "0", "1")]).starts_with("line 2: sequence is \"\""));
-        assert!(read_rows(&[good.clone(), "1,2\n".to_owned()]).starts_with("line 3: 2 fields, but the header has 16"));
         assert!(read_rows(&[good.clone(), "\n\n  \n".to_owned(), good.clone()]).starts_with("line 6: sequence 5"));
-        assert!(read_rows(&[good.clone(), "\"1".to_owned()]).starts_with("line 3: a quotation mark"));
         let windows = format!("{HEADER}\n{good}{good}").replace('\n', "\r\n");
         assert!(read(&windows).unwrap_err().starts_with("line 3: sequence 5 after 5"));
         let old_mac = format!("{HEADER}\n{}", [good.clone(), good.clone()].concat().replacen('\n', "\r", 1));
@@ -386,6 +427,39 @@ mod tests {
         assert!(read("").unwrap_err().starts_with("line 1: missing columns: sequence, "));
         assert!(read(&HEADER.replace(",a1_positive", "")).unwrap_err().contains("missing columns: a1_positive;"));
         assert!(read(&format!("{HEADER},a1_head")).unwrap_err().contains("a1_head is there twice"));
+    }
+
+    /// Rows that cannot be read, and what is said of the first of them: where it is, behind which row, and why.
+    #[test]
+    fn a_row_that_cannot_be_read_is_left_out_and_counted() {
+        let row = |sequence: u64, pulses: &str, head: &str| {
+            format!("1,1,0,0,1,1,0,0,1,{head},0,{pulses},x,1,{},{sequence}\n", sequence * 250_000_000)
+        };
+        for (bad, cause) in [
+            (row(7, "-1", "1"), "a1_positive is \"-1\""),
+            (row(7, "1.5", "1"), "a1_positive"),
+            (row(7, "4294967296", "1"), "a1_positive"),
+            (row(7, "0", "warm"), "a1_head is \"warm\""),
+            (row(7, "0", "1e999"), "a1_head"),
+            ("1,2\n".to_owned(), "2 fields, but the header has 16"),
+            ("\"1\n".to_owned(), "a quotation mark"),
+            ("\0\0\0\n".to_owned(), "1 fields, but the header has 16"),
+        ] {
+            let text = format!("{HEADER}\n{}{}{bad}{}", row(5, "0", "1"), row(6, "0", "1"), row(8, "0", "1"));
+            let mut reader = RawCsvReader::new(text.as_bytes()).unwrap();
+            let read: Vec<_> = reader.by_ref().map(Result::unwrap).collect();
+            // What is behind keeps its own time.
+            let times: Vec<_> = read.iter().map(|raw| (raw.sequence, raw.timestamp_ns)).collect();
+            assert_eq!(times, [(5, 1_250_000_000), (6, 1_500_000_000), (8, 2_000_000_000)]);
+            let finding = reader.damage().unwrap();
+            let place = "1 damaged place is left out; the first is line 4, behind row 2, 0.2500 s after the first: ";
+            assert!(finding.message.starts_with(&format!("{place}{cause}")), "{finding:?}");
+            assert_eq!((finding.name, finding.severity), (name::BAD_ROWS, Severity::Warning));
+        }
+        let many: String = (0..40).map(|at| if at % 10 == 7 { "?\n".to_owned() } else { row(at, "0", "1") }).collect();
+        let mut reader = RawCsvReader::new(Cursor::new(format!("{HEADER}\n{many}"))).unwrap();
+        assert_eq!(reader.by_ref().map(Result::unwrap).count(), 36);
+        assert_eq!(reader.damage().unwrap().severity, Severity::Fault);
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! Rows as a recorder receives them, and their form in CSV.
 
-use crate::check;
 use crate::columns::{Column, ColumnKind, ColumnSet, Layout, RECORDED_NS, UNIX_OFFSET_NS, all, load, load_increment};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::sequence::Period;
@@ -115,21 +114,19 @@ pub fn append_value(kind: ColumnKind, value: u64, text: &mut Vec<u8>) {
     };
 }
 
-/// The header line of a CSV recording, whose last column has the checks.
+/// The header line of a CSV recording.
 pub fn header(columns: &[Column]) -> Vec<u8> {
-    let names: Vec<_> = columns.iter().map(|column| column.name).chain([check::CHECK]).collect();
+    let names: Vec<_> = columns.iter().map(|column| column.name).collect();
     (names.join(",") + "\n").into_bytes()
 }
 
-/// Appends a row as a line of CSV, with its check.
+/// Appends a row as a line of CSV.
 pub fn append(row: &RecordedRow, layout: Layout, text: &mut Vec<u8>) {
-    let begin = text.len();
     row.visit(layout, |column, value| {
         append_value(column.kind, value, text);
         text.push(b',');
     });
-    // The comma after the last value is that before the check.
+    // Replaces the comma after the last value.
     text.pop();
-    check::append(text, begin);
     text.push(b'\n');
 }

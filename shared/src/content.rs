@@ -7,6 +7,13 @@ pub const ULOG_MAGIC: &[u8] = b"ULog\x01\x12\x35";
 pub const DATAFLASH_MAGIC: [u8; 2] = [0xa3, 0x95];
 /// The first bytes of a Parquet file.
 pub const PARQUET_MAGIC: &[u8] = b"PAR1";
+/// What makes a recording of a file in Parquet, for messages.
+pub const READ_PARQUET: &str = "Parquet, which Python makes a recording of: import isotherm, pyarrow.parquet as pq; \
+     isotherm.write_recording(\"NEW.mcap\", isotherm.from_arrow(pq.read_table(\"FILE\"))); save data of another program \
+     as CSV: import pandas; pandas.read_parquet(\"FILE\").to_csv(\"NEW.csv\", index=False)";
+/// What makes a file in Parquet of a recording, for messages.
+pub const WRITE_PARQUET: &str = "Parquet is written by Python: import isotherm, pyarrow.parquet as pq; \
+     pq.write_table(isotherm.to_arrow(isotherm.read_recording(\"FILE.mcap\")), \"FILE.parquet\")";
 /// The first bytes of an MCAP file.
 pub const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
@@ -69,7 +76,7 @@ impl FileContent {
             Self::Ulog => "a log of PX4 (ULog)",
             Self::DataFlash => "a log of ArduPilot (DataFlash)",
             Self::Mcap => "a recording or messages of ROS (MCAP)",
-            Self::Parquet => "a recording (Parquet)",
+            Self::Parquet => "a file in Parquet",
             Self::Csv => "a recording (CSV)",
             Self::Parameters => "parameters of an autopilot",
         }
@@ -82,6 +89,7 @@ impl FileContent {
             Self::Parameters => format!(
                 "`isotherm import {file} --from px4|ardupilot --imu ID --interval S -o ID.toml` makes a table of them"
             ),
+            Self::Parquet => READ_PARQUET.to_owned(),
             _ => format!(
                 "`isotherm calibrate warm-up --imu ID {file} -o ID.toml` makes a table of a warm-up, \
                  `isotherm calibrate tumble` one of a tumble; replay, verify and noise read it, too, and a campaign file names it"

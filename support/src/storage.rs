@@ -8,19 +8,12 @@ use std::time::Duration;
 
 /// A place for files that grow. A file that is written is locked: no other process replaces or removes it.
 pub trait Storage {
-    /// Creates a file with these bytes, which are kept, and `end` behind them until the first step. It appears with all
-    /// of them, and never replaces an existing one, except one without rows, which `is_vacant` recognises by its bytes.
-    /// `-` is the standard output.
+    /// Creates a file with these bytes. It appears with all of them, and never replaces an existing one, except one
+    /// without rows, which `is_vacant` recognises by its bytes. `-` is the standard output.
     ///
     /// # Errors
     /// If it exists or cannot be written.
-    fn create(
-        &self,
-        path: &Path,
-        bytes: &[u8],
-        end: &[u8],
-        is_vacant: fn(&[u8]) -> bool,
-    ) -> io::Result<Box<dyn GrowingFile>>;
+    fn create(&self, path: &Path, bytes: &[u8], is_vacant: fn(&[u8]) -> bool) -> io::Result<Box<dyn GrowingFile>>;
 
     /// Whether there is something of this name.
     fn exists(&self, path: &Path) -> bool;
@@ -49,12 +42,11 @@ pub trait Storage {
 
 /// A file that grows by whole steps only, each of which is durable.
 pub trait GrowingFile {
-    /// Puts `more` behind what was kept so far, and `end` behind that until the next step. After an error the file is
-    /// as it was; the next call must then begin with the same bytes.
+    /// Puts `more` behind what was kept so far. After an error the file is as it was.
     ///
     /// # Errors
     /// If the operating system cannot write all of them.
-    fn grow(&mut self, more: &[u8], end: &[u8]) -> io::Result<()>;
+    fn grow(&mut self, more: &[u8]) -> io::Result<()>;
 
     /// Replaces the whole file by these bytes, in one step.
     ///

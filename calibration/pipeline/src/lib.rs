@@ -28,7 +28,6 @@ mod describe;
 mod files;
 mod laid_out;
 mod proposal;
-mod repair;
 mod samples;
 mod vehicle;
 mod verify;
@@ -40,7 +39,6 @@ pub use describe::{
 };
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
-pub use repair::repair_into;
 pub use samples::{PositionFile, RowSource};
 pub use vehicle::{INSTANCE, Vehicle, VehicleImu};
 pub use verify::VerificationRun;

@@ -14,7 +14,6 @@ mod import;
 mod noise;
 mod part;
 mod regress;
-mod repair;
 mod replay;
 mod verify;
 
@@ -38,7 +37,6 @@ pub enum OfflineCommand {
     Replay(replay::Replay),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]
-    Repair(repair::Repair),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]
     Convert(convert::Convert),
@@ -89,7 +87,6 @@ impl OfflineCommand {
         match self {
             Self::Check(check) => check.run(checked),
             Self::Replay(replay) => replay.run(),
-            Self::Repair(repair) => repair.run(),
             Self::Convert(convert) => convert.run(),
             Self::Calibrate(calibrate) => calibrate.run(verbose),
             Self::Regress(regress) => regress.run(),

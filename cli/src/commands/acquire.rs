@@ -46,7 +46,7 @@ pub(crate) struct Acquire {
     device: Option<PathBuf>,
     /// Record all samples, sent or not
     ///
-    /// The name of the file ends with .csv, .parquet or .mcap.
+    /// The name of the file ends with .csv or .mcap.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     #[command(flatten)]

@@ -6,7 +6,7 @@ use isotherm_client::{
     Acquisition, CompensatedIncrement, ConnectError, Domain, Flags, ImuId, LagOption, Options, RawSample, StatusError,
     TimeConstant, device, fetch_status,
 };
-use isotherm_files::{Output, check_written, end_flag, partial_path, refuse_overlap, sources};
+use isotherm_files::{Output, check_written, end_flag, refuse_overlap, sources};
 use isotherm_offline::commands::common::{ForeignArgs, GyroscopeCheck, LagArgs, OfData, inputs};
 use isotherm_offline::parse::seconds;
 use isotherm_offline::progress::playing_bar;
@@ -35,7 +35,7 @@ const PATIENCE: Duration = Duration::from_millis(300);
 /// Sends a recording through the running service, as an acquisition process does.
 ///
 /// If the service dies and returns, unanswered samples are sent again, and each increment is written once, in order. If
-/// the command ends early, the increments received so far stay in OUT.csv.partial, in whole rows.
+/// the command ends early, it writes no file.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm feed --imu imu-a run.csv -o increments.csv\n  isotherm feed --imu imu-a --rate 400 --window 1 run.csv > increments.csv"
@@ -46,7 +46,7 @@ pub(crate) struct Feed {
     imu: ImuId,
     /// Send this recording of raw samples
     ///
-    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// A recording of raw samples (CSV, MCAP) or third-party data, or the pieces of one recording in any
     /// order; - is stdin.
     ///
     /// If the recording has several IMUs, only the samples of --imu are sent
@@ -91,19 +91,15 @@ pub(crate) struct Feed {
 impl Feed {
     pub(crate) fn run(self, domain: Domain) -> Result<(), Failure> {
         let path = self.output.as_deref();
-        let rows = path.map(partial_path);
-        for output in [path, rows.as_deref()] {
-            let all: Vec<_> = inputs(&self.recording).into_iter().chain(self.foreign.inputs()).collect();
-            refuse_overlap(&all, &[output])?;
-        }
+        let all: Vec<_> = inputs(&self.recording).into_iter().chain(self.foreign.inputs()).collect();
+        refuse_overlap(&all, &[path])?;
         // No bar if the increments go to stdout, which may be the same terminal.
         let progress = if path.is_some() { playing_bar(&self.recording) } else { no_bar(&[], "") };
         let input = (ImuChoice::Prefer(self.imu.clone()), self.foreign.read()?);
         let mut samples = Samples::open(&sources(&self.recording)?, input, &progress)?;
         // The output is opened before anything is sent, so that the answers can be written.
-        let sink = Output::create_live(path)
+        let sink = Output::create(path)
             .map_err(|error| Failure::io("writing", path.unwrap_or(Path::new("stdout")), &error))?;
-        let partial = sink.partial();
         // The recording's lagged temperature is sent, so the library keeps none.
         let options = |timeout| Options { lag: LagOption::None, ..options(domain.clone(), timeout) };
         let acquisition = patiently(self.timeout, |timeout| Acquisition::connect(&self.imu, &options(timeout)))?;
@@ -133,19 +129,15 @@ impl Feed {
         let result = self.play(&mut feeder, &mut samples, &served, &options);
         progress.finish();
         OfData::of(samples.recording()).tell();
-        let result = match result {
+        match result {
             Ok(()) => check_written(path, feeder.writer.finish().and_then(Output::finish)),
             Err(FeedError::Failed(failure)) => {
-                // If this fails, the message says how many rows there are.
+                // What stdout or a pipe has got so far is to be whole rows.
                 let _ = feeder.writer.flush();
                 Err(failure)
             }
             Err(FeedError::Write(error)) => check_written(path, Err(error)),
-        };
-        result.map_err(|failure| match &partial {
-            Some(partial) => partial.explain(failure),
-            None => failure,
-        })
+        }
     }
 
     /// Sends the samples, each session and each period as the recording has them, and receives all answers.

@@ -25,7 +25,7 @@ use std::time::Duration;
 /// always hold everything up to the last flush, even if the recorder is killed.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.parquet --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
+    after_help = "Examples:\n  isotherm record --imu imu-a -o flight.mcap\n  isotherm record --imu imu-a --imu imu-b -o flight-{imu}.csv --rotate-time 3600\n  isotherm record --imu imu-a -o - | head\n  isotherm record --imu imu-a --format ros --table imu-a.toml -o drive.mcap"
 )]
 pub(crate) struct Record {
     /// Record this IMU
@@ -35,9 +35,9 @@ pub(crate) struct Record {
     imus: Vec<ImuId>,
     /// Write the rows to this file
     ///
-    /// The name ends with .csv, .parquet or .mcap. {imu} in the name stands for the IMU; - is stdout (CSV).
+    /// The name ends with .csv or .mcap. {imu} in the name stands for the IMU; - is stdout (CSV).
     ///
-    /// CSV and Parquet have one file per stream: FILE.csv for raw samples, and FILE.increments.csv. An existing file is
+    /// CSV has one file per stream: FILE.csv for raw samples, and FILE.increments.csv. An existing file is
     /// never replaced.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -103,7 +103,7 @@ impl Record {
         let format = match (self.format, Format::of_path(output)) {
             (Some(format), _) | (None, Some(format)) => format,
             (None, None) if stdout => Format::Csv,
-            (None, None) => return usage(format!("{name}: name it .csv, .parquet or .mcap, or give --format")),
+            (None, None) => return usage(Format::named(output).err().unwrap_or_default() + ", or give --format"),
         };
         let (rotation, is_given) = self.rotation.get()?;
         if stdout && (format != Format::Csv || self.imus.len() > 1 || is_given) {

@@ -219,7 +219,7 @@ impl Finish {
             StagedText::create(Some(&folder.join(plan.file(name, extension))))?.write(text)
         };
         let texts = vec![write(TABLE, "toml", &made.table)?, write("calibration", "html", &made.html(&campaign))?];
-        StagedText::finish_together(texts)?;
+        StagedText::finish_all(texts)?;
         match made.fitted {
             CalibrationOutcome::Campaign(calibration) => Ok((*calibration, made.table)),
             _ => Err(Failure::new(Exit::Failed, "an automatic campaign has positions")),

@@ -74,11 +74,12 @@ def replay(table: Table, samples: Records | pd.DataFrame, *, progress: Progress 
 def read_recording(
     recording: AnyPath | Sequence[AnyPath], *, imu: str | None = None, start: Moment | None = None, end: Moment | None = None
 ) -> Records:
-    """The raw samples of a recording (CSV, Parquet, MCAP), as RAW_SAMPLE. The format is recognised by what is in the file.
+    """The raw samples of a recording (CSV, MCAP), as RAW_SAMPLE. The format is recognised by what is in the file.
 
     `recording` is a path, or several of the pieces of one recording, in any order: a piece goes on with the session before it where its time
     does. A pattern such as "flight*.mcap" stands for the files that it fits. `imu` is the one that is read, where a recording has several.
-    `start` and `end` leave out what is before and after, as those of `convert`. What is missing at the end of a file is a UserWarning.
+    `start` and `end` leave out what is before and after, as those of `convert`. What is damaged and left out, and what
+    is missing at the end of a file, is a UserWarning.
 
     Raises RecordingFault if the data are wrong, such as rows out of order.
 
@@ -93,7 +94,7 @@ def read_recording(
 
 
 def read_increments(path: AnyPath, *, imu: str | None = None) -> Records:
-    """The increments that `isotherm feed`, `replay` or `record` wrote (CSV, Parquet, MCAP), as INCREMENT. What the file does not have is 0, as
+    """The increments that `isotherm feed`, `replay` or `record` wrote (CSV, MCAP), as INCREMENT. What the file does not have is 0, as
     `session` and `latency_ns` of `replay`. `imu` is the one that is read, where a file has several.
 
     >>> increments = isotherm.replay(isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv"))
@@ -107,24 +108,9 @@ def read_increments(path: AnyPath, *, imu: str | None = None) -> Records:
     return data.view(INCREMENT)
 
 
-def repair(source: AnyPath, target: AnyPath) -> dict[str, Any]:
-    """Takes what is whole of a damaged recording (CSV, Parquet, MCAP) into a new file of the same format, as the command: the rows before
-    and behind each damaged place.
-
-    Returns what was taken and lost, as `isotherm repair --json`: `holes` is empty if nothing is damaged.
-
-    Raises RecordingFault if nothing can be taken, and OSError if `target` exists.
-
-    >>> isotherm.repair("run.csv", "repaired.csv")["holes"]
-    []
-    """
-    return json.loads(_isotherm.repair(Path(source), Path(target)))  # type: ignore[no-any-return]
-
-
 def write_recording(path: AnyPath, samples: Records | pd.DataFrame, *, imu: str = "imu") -> None:
-    """Writes raw samples as a recording, in the format that its name says: .csv, .parquet or .mcap. What is 0 in all samples is left out:
-    `session`, `telemetry_ns`, `device`, the lagged temperature and the gyroscopes. Parquet and MCAP have the name of the IMU,
-    `imu`, too. What no recording gives back is `sent_ns`. A file of this name is replaced.
+    """Writes raw samples as a recording, in the format that its name says: .csv or .mcap. What is 0 in all samples is left out:
+    `session`, `telemetry_ns`, `device`, the lagged temperature and the gyroscopes. MCAP has the name of the IMU, `imu`, too. What no recording gives back is `sent_ns`. A file of this name is replaced.
 
     >>> samples = isotherm.read_recording("run.csv")
     >>> isotherm.write_recording("copy.csv", samples)
@@ -136,7 +122,7 @@ def write_recording(path: AnyPath, samples: Records | pd.DataFrame, *, imu: str 
 
 def write_increments(path: AnyPath, increments: Records | pd.DataFrame, *, delivery: bool = False, imu: str = "imu") -> None:
     """Writes increments in the format that the name says. As .csv it is what `isotherm replay` writes, or with `delivery` what
-    `isotherm feed --delivery` does; .parquet and .mcap are as `isotherm record` writes increments of `imu`, and have all fields.
+    `isotherm feed --delivery` does; .mcap is as `isotherm record` writes increments of `imu`, and has all fields.
     If all angles are NaN, they are left out, as those of a table without gyroscopes. `write_ros` writes ROS messages.
 
     >>> increments = isotherm.replay(isotherm.Table.load("imu-a.toml"), isotherm.read_recording("run.csv"))

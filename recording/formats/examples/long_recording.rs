@@ -1,4 +1,4 @@
-//! Writes a long recording of an IMU at rest, for figures: `long_recording HOURS FILE.parquet`, or `FILE.mcap`. Rows of
+//! Writes a long recording of an IMU at rest, for figures: `long_recording HOURS FILE.mcap`, or `FILE.csv`. Rows of
 //! 1 ms, six sensors, temperature once a second.
 
 use isotherm_files::Disk;
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let hours: f64 = arguments.next().ok_or("hours?")?.parse()?;
     let path = PathBuf::from(arguments.next().ok_or("a file?")?);
-    let format = Format::of_path(&path).ok_or("a name that ends with .parquet, .mcap or .csv")?;
+    let format = Format::of_path(&path).ok_or("a name that ends with .mcap or .csv")?;
     let imus = ["imu-a".parse().map_err(|_| "a name")?];
     let mut files = Files::create(&Disk, &path, format, Rotation::default(), &imus, &[(0, StreamKind::Raw)])
         .map_err(|error| Failure::from(error).message)?;

@@ -1,4 +1,4 @@
-//! Recordings in every format: CSV, Parquet and MCAP.
+//! Recordings in every format: CSV and MCAP.
 //!
 //! [`mod@read`] detects the format of a file by its first bytes and reads several pieces of a recording as one.
 //! [`mod@write`] writes recordings that are complete up to the last flush at every moment. [`mod@convert`] makes raw
@@ -22,9 +22,7 @@
 pub mod convert;
 mod protobuf;
 pub mod read;
-pub mod repair;
 pub mod ros;
-mod seal;
 mod varint;
 pub mod write;
 

@@ -114,31 +114,6 @@ pub(crate) fn decode<'a>(mut message: &'a [u8], mut take: impl FnMut(u64, FieldV
     true
 }
 
-/// A message with another integer in the field `number`.
-pub(crate) fn with_varint(message: &[u8], number: u64, value: u64) -> Vec<u8> {
-    let mut written = Vec::with_capacity(message.len() + 20);
-    let put = |written: &mut Vec<u8>| {
-        varint::write(written, number << 3 | VARINT);
-        varint::write(written, value);
-    };
-    let (mut rest, mut is_there) = (message, false);
-    while !rest.is_empty() {
-        let (field, mut own) = (rest, 0);
-        if next_field(&mut rest, &mut |number, _| own = number).is_none() {
-            break;
-        }
-        match own == number {
-            true => put(&mut written),
-            false => written.extend_from_slice(&field[..field.len() - rest.len()]),
-        }
-        is_there |= own == number;
-    }
-    if !is_there {
-        put(&mut written);
-    }
-    written
-}
-
 /// Whether a message begins with the field `number`, an integer of this value.
 pub(crate) fn begins_with(mut message: &[u8], number: u64, value: u64) -> bool {
     varint::read(&mut message) == Some(number << 3 | VARINT) && varint::read(&mut message) == Some(value)

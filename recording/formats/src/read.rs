@@ -4,6 +4,7 @@
 
 mod borders;
 pub(crate) mod chunk;
+mod contents;
 mod converted;
 mod fields;
 mod increments;
@@ -12,10 +13,8 @@ mod mcap;
 mod numbers;
 mod open;
 mod order;
-pub(crate) mod pages;
 mod pair;
 pub(crate) mod panics;
-pub(crate) mod parquet;
 mod part;
 mod piece;
 mod pieces;
@@ -29,6 +28,7 @@ pub(crate) mod skip;
 pub(crate) mod summary;
 mod table;
 
+pub use contents::RecordingContents;
 pub use increments::read_increments;
 pub use input::Input;
 pub use numbers::{NumberRow, NumberTable, read_numbers};

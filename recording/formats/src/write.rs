@@ -4,7 +4,6 @@ mod files;
 mod growing;
 mod mcap;
 mod open;
-pub(crate) mod parquet;
 mod patient;
 mod pieces;
 mod publication;
@@ -12,11 +11,8 @@ mod ros;
 mod stream;
 mod vacant;
 
-pub(crate) use mcap::options as mcap_options;
-
 pub use files::{Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
 pub use open::FileError;
-pub use parquet::ParquetStream;
 pub use patient::PatientFiles;
 pub use ros::{RosTable, RosWriter, refuse_same_topics};
 pub use stream::RowWriter;

@@ -230,10 +230,10 @@ fn format_2(content: &Content) -> String {
     text
 }
 
-/// The format of a file that is a recording: Parquet, MCAP, or CSV with sequences and times. An empty file is one by
+/// The format of a file that is a recording: MCAP, or CSV with sequences and times. An empty file is one by
 /// its name.
 fn recording_format(path: &Path) -> Option<&'static str> {
-    const ENDINGS: [(&str, &str); 3] = [("parquet", "Parquet"), ("mcap", "MCAP"), ("csv", "CSV")];
+    const ENDINGS: [(&str, &str); 2] = [("mcap", "MCAP"), ("csv", "CSV")];
     const BEGINNING: u64 = 4096;
     let mut beginning = Vec::new();
     // A pipe is not even opened: that waits for its writer. What cannot be opened is reported when it is read.

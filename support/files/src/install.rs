@@ -15,9 +15,8 @@
 //! copy if it equals TABLE, which then was not replaced.
 
 use crate::identity::Identity;
-use crate::live::{give_mode_and_owner, mode_of};
 use crate::place::{exchange, output_place, rename, sync_folder};
-use crate::staged::HIDDEN;
+use crate::staged::{HIDDEN, give_mode_and_owner, mode_of};
 use isotherm_support::failure::{Exit, Failure, shown};
 use rustix::fs::OFlags;
 use std::ffi::OsString;

@@ -1,8 +1,8 @@
 //! How Isotherm's programs read and write files.
 //!
 //! A result file appears whole or not at all ([`Output`]):
-//! it is written under a temporary name and renamed when it is complete. Rows that cannot be had again stay under a
-//! name of their own if the command ends early ([`LiveFile`]).
+//! it is written under a temporary name and renamed when it is complete. A recording grows under its own name
+//! ([`Disk`]).
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -26,8 +26,6 @@ mod disk;
 mod identity;
 #[cfg(not(target_os = "wasi"))]
 mod install;
-#[cfg(not(target_os = "wasi"))]
-mod live;
 mod output;
 #[cfg_attr(target_os = "wasi", path = "wasi/place.rs")]
 mod place;
@@ -45,11 +43,9 @@ pub use disk::Disk;
 pub use identity::{Identity, uninterrupted};
 #[cfg(not(target_os = "wasi"))]
 pub use install::Installation;
-#[cfg(not(target_os = "wasi"))]
-pub use live::{LiveFile, Partial, partial_path, target_of};
 pub use output::{Output, StagedText, check_written, print, print_data, refuse_overlap, replace};
 #[cfg(not(target_os = "wasi"))]
-pub use place::{check_own_folder, create_own_folder, exchange, sync_folder};
+pub use place::{check_own_folder, create_own_folder, sync_folder, target_of};
 pub use place::{create_folder, open_without_waiting, output_place};
 #[cfg(not(target_os = "wasi"))]
 pub use signals::{end_flag, end_signals};

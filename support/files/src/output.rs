@@ -1,14 +1,10 @@
-//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly. Rows of
-//! a live stream are kept if the command ends early ([`Output::create_live`]).
+//! Writing results: a regular file appears whole or not at all; pipes, devices and stdout are written directly.
 
-#[cfg(not(target_os = "wasi"))]
-use crate::live::{LiveFile, Partial};
 use crate::place::{canonical, output_place};
-use crate::signals::hold_signals;
-use crate::staged::{Aside, StagedFile};
+use crate::staged::StagedFile;
 use crate::stdout::check_stdout;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
-use std::fs::{self, Metadata, OpenOptions};
+use std::fs::{self, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -16,36 +12,16 @@ use std::path::{Path, PathBuf};
 pub enum Output {
     /// A file with a temporary name in the target's folder, which is renamed when it is complete.
     Staged(StagedFile),
-    /// A file of rows that is kept if the command ends early.
-    #[cfg(not(target_os = "wasi"))]
-    Live(LiveFile),
     /// Stdout, a pipe or a device.
     Direct(BufWriter<Box<dyn Write>>),
 }
 
 impl Output {
-    /// Opens the output of data that the command can make again; `None` or `-` is stdout.
+    /// Opens the output; `None` or `-` is stdout.
     ///
     /// # Errors
     /// If the file cannot be created, or stdout is closed.
     pub fn create(path: Option<&Path>) -> io::Result<Self> {
-        Self::open(path, |target, existing| StagedFile::create(&target, existing).map(Self::Staged))
-    }
-
-    /// Opens the output of rows that come from a live stream and cannot be had again; `None` or `-` is stdout. The
-    /// first line is the header.
-    ///
-    /// # Errors
-    /// As [`create`](Self::create), and if an earlier run has left its rows.
-    #[cfg(not(target_os = "wasi"))]
-    pub fn create_live(path: Option<&Path>) -> io::Result<Self> {
-        Self::open(path, |target, existing| LiveFile::create(target, existing).map(Self::Live))
-    }
-
-    fn open(
-        path: Option<&Path>,
-        regular: impl FnOnce(PathBuf, Option<&Metadata>) -> io::Result<Self>,
-    ) -> io::Result<Self> {
         let Some(path) = path.filter(|path| *path != Path::new("-")) else {
             check_stdout()?;
             return Ok(Self::Direct(BufWriter::new(Box::new(io::stdout()))));
@@ -58,17 +34,7 @@ impl Output {
                 let direct = OpenOptions::new().write(true).open(place)?;
                 Ok(Self::Direct(BufWriter::new(Box::new(direct))))
             }
-            existing => regular(place, existing.ok().as_ref()),
-        }
-    }
-
-    /// Where the rows are until the output is complete, if it keeps them.
-    #[cfg(not(target_os = "wasi"))]
-    #[must_use]
-    pub fn partial(&self) -> Option<Partial> {
-        match self {
-            Self::Live(file) => Some(file.partial().clone()),
-            Self::Staged(_) | Self::Direct(_) => None,
+            existing => StagedFile::create(&place, existing.ok().as_ref()).map(Self::Staged),
         }
     }
 
@@ -91,17 +57,10 @@ impl Output {
         }
     }
 
-    /// Gives the file that is about to be replaced, if there is one, a hidden name, and waits until that is durable.
-    fn set_aside(&self) -> io::Result<Option<Aside>> {
-        if let Self::Staged(file) = self { file.set_aside() } else { Ok(None) }
-    }
-
     /// Gives the file, which [`complete`](Self::complete) has made durable, its name, and makes that durable, too.
     fn rename(self) -> io::Result<()> {
         match self {
             Self::Staged(file) => file.rename(),
-            #[cfg(not(target_os = "wasi"))]
-            Self::Live(file) => file.finish(),
             Self::Direct(_) => Ok(()),
         }
     }
@@ -111,8 +70,6 @@ impl Write for Output {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
         match self {
             Self::Staged(file) => file.write(buffer),
-            #[cfg(not(target_os = "wasi"))]
-            Self::Live(file) => file.write(buffer),
             Self::Direct(writer) => writer.write(buffer),
         }
     }
@@ -120,8 +77,6 @@ impl Write for Output {
     fn flush(&mut self) -> io::Result<()> {
         match self {
             Self::Staged(file) => file.flush(),
-            #[cfg(not(target_os = "wasi"))]
-            Self::Live(file) => file.flush(),
             Self::Direct(writer) => writer.flush(),
         }
     }
@@ -171,38 +126,13 @@ impl StagedText {
         check_written(self.path.as_deref(), self.output.finish())
     }
 
-    /// Makes several texts visible that belong together: all or none. The first is the one that matters, as the table
-    /// before its report.
-    ///
-    /// No signal of [`end_signals`](crate::end_signals) ends the command in between. Because several files cannot be
-    /// renamed at once, SIGKILL or a power failure may leave fewer of them, but never an old one together with a new
-    /// one: the old files that come after the first get hidden names before the first is renamed. If the first cannot
-    /// be renamed, they get their names again.
+    /// Makes several texts visible, one after the other. What names another of them, as a report does, is to have its
+    /// digest.
     ///
     /// # Errors
-    /// As [`Output::finish`].
-    pub fn finish_together(mut texts: Vec<Self>) -> Result<(), Failure> {
-        for text in &mut texts {
-            let result = text.output.complete();
-            check_written(text.path.as_deref(), result)?;
-        }
-        let _held = hold_signals();
-        let mut texts = texts.into_iter();
-        let Some(first) = texts.next() else { return Ok(()) };
-        let rest: Vec<_> = texts.collect();
-        let mut old = Vec::new();
-        let begun = rest.iter().try_for_each(|text| {
-            let aside = text.output.set_aside().map(|aside| old.extend(aside));
-            check_written(text.path.as_deref(), aside)
-        });
-        if let Err(failure) = begun.and_then(|()| first.rename()) {
-            return Err(old.into_iter().fold(failure, Aside::put_back));
-        }
-        rest.into_iter().try_for_each(Self::rename)
-    }
-
-    fn rename(self) -> Result<(), Failure> {
-        check_written(self.path.as_deref(), self.output.rename())
+    /// As [`Output::finish`]. Those before are visible then.
+    pub fn finish_all(texts: Vec<Self>) -> Result<(), Failure> {
+        texts.into_iter().try_for_each(Self::finish)
     }
 }
 

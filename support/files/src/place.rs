@@ -190,9 +190,16 @@ pub(crate) fn rename(from: &Path, to: &Path) -> io::Result<()> {
 ///
 /// # Errors
 /// If they cannot be exchanged.
-pub fn exchange(one: &Path, other: &Path) -> io::Result<bool> {
+pub(crate) fn exchange(one: &Path, other: &Path) -> io::Result<bool> {
     match renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE) {
         Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => Ok(false),
         exchanged => Ok(exchanged.map(|()| true)?),
     }
+}
+
+/// Where `path` leads, for a message: through symbolic links to their target, which need not exist. The path itself
+/// where nothing would be written.
+#[must_use]
+pub fn target_of(path: &Path) -> PathBuf {
+    output_place(path).unwrap_or_else(|_| path.to_owned())
 }

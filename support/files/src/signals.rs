@@ -102,7 +102,6 @@ pub fn report_file_limit() {
 mod tests {
     use super::*;
     use crate::output::{Output, StagedText, replace};
-    use std::io::Write as _;
 
     /// How many of the files of this folder are listed. Other tests have theirs.
     fn listed(folder: &Path) -> usize {
@@ -118,17 +117,9 @@ mod tests {
             replace(&path, "text").unwrap();
             let texts = [&path, &other].map(|path| StagedText::create(Some(path)).unwrap().write("text").unwrap());
             assert_eq!(listed(folder.path()), 2);
-            StagedText::finish_together(texts.into()).unwrap();
+            StagedText::finish_all(texts.into()).unwrap();
             drop(Output::create(Some(&path)).unwrap());
-            drop(Output::create_live(Some(&path)).unwrap());
             assert_eq!(listed(folder.path()), 0);
-            // A file with rows is kept.
-            let mut live = Output::create_live(Some(&path)).unwrap();
-            assert_eq!(listed(folder.path()), 1);
-            live.write_all(b"header\nrow\n").unwrap();
-            live.flush().unwrap();
-            assert_eq!(listed(folder.path()), 0);
-            live.finish().unwrap();
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }

@@ -1,16 +1,14 @@
 //! Files with a temporary name, which get their own when they are complete.
 
-use crate::live::{give_mode_and_owner, mode_of};
 use crate::place::{folder_of, sync_folder};
 use crate::signals::{UnfinishedFile, hold_signals};
-use isotherm_support::failure::{Failure, shown};
-use std::fs::{self, File, Metadata, Permissions};
+use std::fs::{File, Metadata, Permissions};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
-/// How the names of files begin that are not complete, or no longer needed.
+/// How the names of files begin that are not complete.
 pub(crate) const HIDDEN: &str = ".isotherm-";
 
 /// A file with a temporary name. Dropping it removes the file.
@@ -46,20 +44,6 @@ impl StagedFile {
     pub(crate) fn sync(&self) -> io::Result<()> {
         self.writer.get_ref().sync_all()
     }
-
-    /// Gives the file that is about to be replaced, if there is one, a hidden name, and waits until that is durable.
-    pub(crate) fn set_aside(&self) -> io::Result<Option<Aside>> {
-        let path = &self.target;
-        match tempfile::Builder::new().prefix(HIDDEN).make_in(folder_of(path), |hidden| fs::rename(path, hidden)) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            // Keep only the kind of the error, as in `create`.
-            Err(error) => Err(io::Error::from(error.kind())),
-            Ok(hidden) => {
-                let aside = Aside { hidden: hidden.into_temp_path(), path: path.clone() };
-                sync_folder(path).map(|()| Some(aside))
-            }
-        }
-    }
 }
 
 impl Write for StagedFile {
@@ -72,18 +56,17 @@ impl Write for StagedFile {
     }
 }
 
-/// An old file under a hidden name. Dropping it removes the file.
-pub(crate) struct Aside {
-    hidden: TempPath,
-    path: PathBuf,
+/// The permissions to create a file with that replaces the `existing` one. The umask applies to them.
+pub(crate) fn mode_of(existing: Option<&Metadata>) -> u32 {
+    existing.map_or(0o666, |existing| existing.mode() & 0o777)
 }
 
-impl Aside {
-    /// Gives the file its name again, because of this failure. If that fails too, the message says where the file is.
-    pub(crate) fn put_back(failure: Failure, aside: Self) -> Failure {
-        let hidden = aside.hidden.to_path_buf();
-        let Err(error) = aside.hidden.persist(&aside.path) else { return failure };
-        let _ = error.path.keep();
-        Failure::new(failure.exit, format!("{failure}; the old {} is {}", shown(&aside.path), shown(&hidden)))
+/// Gives a new file owner and permissions of the `existing` one that it replaces, as far as this user and the file
+/// system allow.
+pub(crate) fn give_mode_and_owner(file: &File, existing: Option<&Metadata>) {
+    if let Some(existing) = existing {
+        let _ = fchown(file, Some(existing.uid()), Some(existing.gid()));
+        // The umask does not apply here.
+        let _ = file.set_permissions(Permissions::from_mode(mode_of(Some(existing))));
     }
 }

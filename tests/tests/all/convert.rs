@@ -26,7 +26,7 @@ fn domain() -> TestDomain {
 }
 
 #[test]
-fn a_text_is_converted_byte_for_byte_to_a_file_a_pipe_and_parquet() {
+fn a_text_is_converted_byte_for_byte_to_a_file_a_pipe_and_mcap() {
     let domain = domain();
     let expected = fs::read_to_string(domain.path("source.expected.csv")).unwrap();
     let convert = |more: &[&str]| run(&domain, &[&["convert", "--mapping", "mapping.toml"], more].concat());
@@ -40,12 +40,12 @@ fn a_text_is_converted_byte_for_byte_to_a_file_a_pipe_and_parquet() {
     let mut piped = piped;
     piped.stdin(fs::File::open(domain.path("source.csv")).unwrap());
     assert!(text(&piped.output().unwrap().stdout) == expected);
-    // The same samples in Parquet: every command reads both alike.
+    // The same samples in MCAP: every command reads both alike.
     domain.write("imu-a.toml", TABLE);
-    assert_eq!(convert(&["source.csv", "-o", "run.parquet", "--imu", "imu-a"]).0, 0);
+    assert_eq!(convert(&["source.csv", "-o", "run.mcap", "--imu", "imu-a"]).0, 0);
     let replayed = |file: &str| domain.run_ok(&["replay", "--table", "imu-a.toml", file]);
     assert_eq!(replayed("run.csv").lines().count(), 301);
-    assert!(replayed("run.csv") == replayed("run.parquet"));
+    assert!(replayed("run.csv") == replayed("run.mcap"));
     // The old content of an existing file stays until the new one is complete.
     let spoilt = fs::read_to_string(domain.path("source.csv")).unwrap().replace("1\n", "o\n");
     domain.write("spoilt.csv", &spoilt);

@@ -6,14 +6,9 @@
 
 use isotherm_tests::{RUN, TABLE, TestDomain, WHOLE_TABLE, text};
 use mcap::records::MessageHeader;
-use parquet::basic::{Repetition, Type as Physical};
-use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::Type;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::Path;
-use std::sync::Arc;
 
 const WHOLE_RUN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/run-g.csv");
 const EXAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples");
@@ -56,7 +51,6 @@ impl CsvContent {
     fn write(&self, path: &Path) {
         match path.extension().unwrap().to_str().unwrap() {
             "csv" => self.write_csv(path),
-            "parquet" => self.write_parquet(path),
             "mcap" => self.write_mcap(path),
             other => panic!("{other}"),
         }
@@ -65,47 +59,6 @@ impl CsvContent {
     fn write_csv(&self, path: &Path) {
         let lines = [&self.names].into_iter().chain(&self.rows);
         fs::write(path, lines.map(|fields| fields.join(",") + "\n").collect::<String>()).unwrap();
-    }
-
-    /// A column is BYTE_ARRAY if it has texts, INT64 if all its values are whole numbers, otherwise DOUBLE, and
-    /// OPTIONAL if it has empty values.
-    fn write_parquet(&self, path: &Path) {
-        let optional = |column: usize| self.rows.iter().any(|row| row[column].is_empty());
-        let field = |column: usize| {
-            let physical = match (self.is_text(column), self.is_integer(column)) {
-                (true, _) => Physical::BYTE_ARRAY,
-                (false, true) => Physical::INT64,
-                (false, false) => Physical::DOUBLE,
-            };
-            let repetition = if optional(column) { Repetition::OPTIONAL } else { Repetition::REQUIRED };
-            let field = Type::primitive_type_builder(&self.names[column], physical).with_repetition(repetition);
-            Arc::new(field.build().unwrap())
-        };
-        let fields = (0..self.names.len()).map(field).collect();
-        let schema = Type::group_type_builder("schema").with_fields(fields).build().unwrap();
-        let file = File::create(path).unwrap();
-        let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).unwrap();
-        let mut group = writer.next_row_group().unwrap();
-        for column in 0..self.names.len() {
-            let values: Vec<_> = self.rows.iter().map(|row| row[column].as_str()).collect();
-            let present = values.iter().filter(|value| !value.is_empty());
-            let levels: Vec<_> = values.iter().map(|value| i16::from(!value.is_empty())).collect();
-            let levels = optional(column).then_some(&levels[..]);
-            let mut open = group.next_column().unwrap().unwrap();
-            if self.is_text(column) {
-                let texts: Vec<_> = present.map(|value| ByteArray::from(*value)).collect();
-                open.typed::<ByteArrayType>().write_batch(&texts, levels, None).unwrap();
-            } else if self.is_integer(column) {
-                let numbers: Vec<i64> = present.map(|value| value.parse().unwrap()).collect();
-                open.typed::<Int64Type>().write_batch(&numbers, levels, None).unwrap();
-            } else {
-                let numbers: Vec<f64> = present.map(|value| value.parse().unwrap()).collect();
-                open.typed::<DoubleType>().write_batch(&numbers, levels, None).unwrap();
-            }
-            open.close().unwrap();
-        }
-        group.close().unwrap();
-        writer.close().unwrap();
     }
 
     /// Each row is a protobuf message: string for texts, int64 for columns of whole numbers, otherwise double, and no
@@ -173,25 +126,24 @@ fn bytes(out: &mut Vec<u8>, number: u64, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-/// Writes a recording as a whole in each format, and in three pieces of three formats. Returns the equivalent lists of
+/// Writes a recording as a whole in each format, and in three pieces of both formats. Returns the equivalent lists of
 /// files.
 fn variants(domain: &TestDomain, csv: &str) -> Vec<Vec<&'static str>> {
     let all = CsvContent::of(csv);
-    for name in ["whole.csv", "whole.parquet", "whole.mcap"] {
+    for name in ["whole.csv", "whole.mcap"] {
         all.write(&domain.path(name));
     }
     let third = all.rows.len() / 3;
-    let pieces = [("b.parquet", 0, third), ("c.mcap", third, 2 * third), ("a.csv", 2 * third, all.rows.len())];
+    let pieces = [("b.csv", 0, third), ("c.mcap", third, 2 * third), ("a.csv", 2 * third, all.rows.len())];
     for (name, from, to) in pieces {
         all.part(from, to).write(&domain.path(name));
     }
     vec![
         vec!["whole.csv"],
-        vec!["whole.parquet"],
         vec!["whole.mcap"],
-        vec!["b.parquet", "c.mcap", "a.csv"],
-        vec!["a.csv", "b.parquet", "c.mcap"],
-        vec!["c.mcap", "a.csv", "b.parquet"],
+        vec!["b.csv", "c.mcap", "a.csv"],
+        vec!["a.csv", "b.csv", "c.mcap"],
+        vec!["c.mcap", "a.csv", "b.csv"],
     ]
 }
 
@@ -254,26 +206,21 @@ fn a_fault_is_reported_with_the_piece_that_has_it() {
     let domain = TestDomain::new();
     let run = CsvContent::of(&fs::read_to_string(RUN).unwrap());
     let service = domain.serve_recording();
-    run.part(0, 500).write(&domain.path("one.parquet"));
+    run.part(0, 500).write(&domain.path("one.mcap"));
     run.part(500, 1000).write(&domain.path("two.csv"));
     run.part(900, 1400).write(&domain.path("over.csv"));
-    let mut bad = run.part(1000, 1500);
-    bad.rows[7][1] = "soon".to_owned();
-    bad.write(&domain.path("bad.csv"));
     let mut lacking = run.part(1000, 1500);
     lacking.names[2] = "interval".to_owned();
-    for name in ["lacking.csv", "lacking.parquet", "lacking.mcap"] {
+    for name in ["lacking.csv", "lacking.mcap"] {
         lacking.write(&domain.path(name));
     }
     let columns = "missing columns: interval_ns; found: sequence, timestamp_ns, interval, a1_positive";
     for (files, code, cause) in [
-        (&["two.csv", "bad.csv", "one.parquet"][..], 65, "bad.csv:9: timestamp_ns is \"soon\", give a whole number"),
-        (&["two.csv", "one.parquet", "./two.csv"], 64, "./two.csv is named twice; name every piece once"),
+        (&["two.csv", "one.mcap", "./two.csv"][..], 64, "./two.csv is named twice; name every piece once"),
         (&["two.csv", "-"], 64, "pieces of a recording must be files; a pipe is read by itself"),
-        (&["over.csv", "one.parquet", "two.csv"], 65, "over.csv: its first row, of "),
+        (&["over.csv", "one.mcap", "two.csv"], 65, "over.csv: its first row, of "),
         (&["two.csv", "none.csv"], 74, "opening none.csv: "),
         (&["lacking.csv", "two.csv"], 65, columns),
-        (&["lacking.parquet"], 65, columns),
         (&["lacking.mcap"], 65, "missing columns: interval_ns; found: "),
     ] {
         for command in [
@@ -300,11 +247,11 @@ fn column(content: &CsvContent, name: &str) -> usize {
     content.names.iter().position(|other| other == name).unwrap()
 }
 
-/// Writes a third of the rows as `one.parquet` and a third as `three.mcap`. The third between them is returned.
+/// Writes a third of the rows as `one.mcap` and a third as `three.mcap`. The third between them is returned.
 fn outer_thirds(domain: &TestDomain, csv: &str) -> CsvContent {
     let all = CsvContent::of(csv);
     let third = all.rows.len() / 3;
-    all.part(0, third).write(&domain.path("one.parquet"));
+    all.part(0, third).write(&domain.path("one.mcap"));
     all.part(2 * third, all.rows.len()).write(&domain.path("three.mcap"));
     all.part(third, 2 * third)
 }
@@ -317,20 +264,16 @@ fn calibrate_reports_a_fault_with_the_piece_that_has_it() {
     let middle = outer_thirds(&domain, &samples);
     domain.write("campaign.toml", &campaign.replace("imu-paper", "imu-a"));
     for (name, value, piece, cause) in [
-        // A field that is no number, a position that the campaign file does not have, and a temperature unlike the
-        // others.
-        ("a1_head", "warm", "bad.csv", "bad.csv:9: a1_head is \"warm\", give a number"),
+        // A position that the campaign file does not have, and a temperature unlike the others.
         ("position", "99", "bad.csv", "bad.csv:9: set point 0 degC, position 99: no such position"),
-        ("position", "99", "bad.parquet", "bad.parquet: row 8: set point 0 degC, position 99: no such position"),
         ("a1_head", "9.9", "bad.csv", "bad.csv:9: set point 0 degC, position 1: a1_head runs from "),
-        ("a1_head", "9.9", "bad.parquet", "bad.parquet: row 8: set point 0 degC, position 1: a1_head runs from "),
         ("a1_head", "9.9", "bad.mcap", "bad.mcap: message 8: set point 0 degC, position 1: a1_head runs from "),
     ] {
         let mut bad = middle.part(0, middle.rows.len());
         let column = column(&bad, name);
         bad.rows[7][column] = value.to_owned();
         bad.write(&domain.path(piece));
-        for files in [["one.parquet", piece, "three.mcap"], ["three.mcap", "one.parquet", piece]] {
+        for files in [["one.mcap", piece, "three.mcap"], ["three.mcap", "one.mcap", piece]] {
             let command = ["calibrate", "turntable", "campaign.toml", "-o", "table.toml"];
             assert_refused(&domain, &[&command[..], &files].concat(), 65, cause);
             assert!(!domain.path("table.toml").exists(), "{files:?}");
@@ -348,19 +291,15 @@ fn regress_reports_a_fault_and_an_outlier_with_the_piece_that_has_it() {
         changed.write(&domain.path(piece));
     };
     with_y("low", "bad.csv");
-    ["far.csv", "far.parquet"].iter().for_each(|piece| with_y("1e200", piece));
-    ["out.csv", "out.parquet", "out.mcap"].iter().for_each(|piece| with_y("136000", piece));
-    let command = |piece| ["regress", "--x", "x", "--y", "y", "one.parquet", piece, "three.mcap"];
-    for (piece, cause) in [
-        ("bad.csv", "bad.csv:5: y is \"low\", give a finite number"),
-        ("far.csv", "far.csv:5: y is "),
-        ("far.parquet", "far.parquet: row 4: y is "),
-    ] {
+    with_y("1e200", "far.csv");
+    ["out.csv", "out.mcap"].iter().for_each(|piece| with_y("136000", piece));
+    let command = |piece| ["regress", "--x", "x", "--y", "y", "one.mcap", piece, "three.mcap"];
+    for (piece, cause) in
+        [("bad.csv", "bad.csv:5: y is \"low\", give a finite number"), ("far.csv", "far.csv:5: y is ")]
+    {
         assert_refused(&domain, &command(piece), 65, cause);
     }
-    for (piece, place) in
-        [("out.csv", "out.csv:5"), ("out.parquet", "out.parquet: row 4"), ("out.mcap", "out.mcap: message 4")]
-    {
+    for (piece, place) in [("out.csv", "out.csv:5"), ("out.mcap", "out.mcap: message 4")] {
         let output = domain.run(&command(piece));
         let stderr = text(&output.stderr);
         assert!(output.status.success(), "{stderr}");
@@ -375,7 +314,7 @@ fn temperature_in_whole_numbers_is_read() {
     let head = run.names.iter().position(|name| name == "a2_head").unwrap();
     run.rows.iter_mut().for_each(|row| row[head] = "1".to_owned());
     domain.write("imu-a.toml", TABLE);
-    let variants = ["r.csv", "r.parquet", "r.mcap"].map(|name| {
+    let variants = ["r.csv", "r.mcap"].map(|name| {
         run.write(&domain.path(name));
         vec![name]
     });
@@ -406,7 +345,7 @@ fn a_whole_imu_is_read_in_every_format_and_pieces_in_any_order() {
         let replay = [&["replay", "--table", "imu-g.toml", "--other-imu"], more].concat();
         assert_alike(&domain, &variants, &replay);
         assert_alike(&domain, &variants, &[&["feed", "--imu", "imu-g"], more].concat());
-        let replayed = domain.run_ok(&[&replay[..], &["whole.parquet"]].concat());
+        let replayed = domain.run_ok(&[&replay[..], &["whole.mcap"]].concat());
         let flagged = if content.names.last().is_some_and(|name| name == "device") { 300 } else { 0 };
         assert_eq!(replayed.matches("other-device").count(), flagged);
         assert_eq!(replayed.matches("lag-unknown").count(), if more.is_empty() { 0 } else { 900 });
@@ -441,7 +380,7 @@ fn the_lag_of_gyroscopes_that_an_imu_does_not_have_is_left_out() {
     let mut lacking: Vec<_> = gyroscopes.iter().map(String::as_str).collect();
     let replay = |lacking: &[&str], name: &str| {
         let half = whole().without(lacking);
-        ["csv", "parquet", "mcap"].map(|extension| {
+        ["csv", "mcap"].map(|extension| {
             let piece = format!("{name}.{extension}");
             half.write(&domain.path(&piece));
             domain.run_ok(&["replay", "--table", "imu-g.toml", "--other-imu", &piece])
@@ -459,7 +398,7 @@ fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
     for lacking in [&["g2_board"][..], &["g1_positive", "g3_head"], &["lag_ns"], &["a2_head_lagged"], &LAG_COLUMNS[4..]]
     {
         let names = lacking.join(", ");
-        for piece in ["part.csv", "part.parquet", "part.mcap"] {
+        for piece in ["part.csv", "part.mcap"] {
             whole().without(lacking).write(&domain.path(piece));
             let cause = format!("missing columns: {names}; found: ");
             assert_refused(&domain, &["replay", "--table", "imu-g.toml", piece], 65, &cause);
@@ -469,32 +408,7 @@ fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
     let mut odd = whole();
     odd.rows[4].pop();
     odd.rows[4].push("SN 42".to_owned());
-    for (piece, cause) in [
-        ("odd.csv", "odd.csv:6: device is \"SN 42\", give 16 hexadecimal digits"),
-        ("odd.parquet", "row 5: device: no value, or not a text of 16 hexadecimal digits"),
-        ("odd.mcap", "message 5: device is not a text of 16 hexadecimal digits"),
-    ] {
-        odd.write(&domain.path(piece));
-        assert_refused(&domain, &["replay", "--table", "imu-g.toml", "--other-imu", piece], 65, cause);
-    }
-}
-
-/// Text in a column of numbers, in a format that has types.
-#[test]
-fn a_column_of_another_type_is_refused() {
-    let domain = TestDomain::new();
-    let field = |name: &str| Arc::new(Type::primitive_type_builder(name, Physical::BYTE_ARRAY).build().unwrap());
-    let schema = Type::group_type_builder("schema").with_fields(vec![field("x"), field("y")]).build().unwrap();
-    let file = File::create(domain.path("text.parquet")).unwrap();
-    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::default()).unwrap();
-    let mut group = writer.next_row_group().unwrap();
-    while let Some(mut column) = group.next_column().unwrap() {
-        column.typed::<ByteArrayType>().write_batch(&[ByteArray::from("1.5")], Some(&[1]), None).unwrap();
-        column.close().unwrap();
-    }
-    group.close().unwrap();
-    writer.close().unwrap();
-    let output = domain.run(&["regress", "text.parquet", "--x", "x", "--y", "y"]);
-    assert_eq!(output.status.code(), Some(65), "{}", text(&output.stdout));
-    assert!(text(&output.stderr).contains("x is of type BYTE_ARRAY, give numbers"), "{}", text(&output.stderr));
+    odd.write(&domain.path("odd.mcap"));
+    let cause = "message 5: device is not a text of 16 hexadecimal digits";
+    assert_refused(&domain, &["replay", "--table", "imu-g.toml", "odd.mcap"], 65, cause);
 }

@@ -53,21 +53,11 @@ fn hostile_text_in_files_is_escaped() {
     let (header, rows) = run.split_once('\n').unwrap();
     for (name, content) in [
         ("header.csv", format!("{}\n{rows}", header.replace("a1_head", &hostile))),
-        ("field.csv", format!("{header}\n{hostile}{rows}")),
+        ("field.csv", format!("{header}\n{hostile}")),
     ] {
         domain.write(name, &content);
         assert_refused(&domain.run(&["replay", "--table", table, domain.path(name).to_str().unwrap()]), 65);
     }
-    // Parquet: names of columns.
-    let whole = include_bytes!("../../../recording/formats/tests/data/none-plain.parquet");
-    let mut bytes = whole.to_vec();
-    for place in 0..bytes.len() - 7 {
-        if bytes[place..].starts_with(b"a1_head") {
-            bytes[place..place + 7].copy_from_slice(b"\x1b]0;x\x07A");
-        }
-    }
-    fs::write(domain.path("r.parquet"), bytes).unwrap();
-    assert_refused(&domain.run(&["verify", "--table", table, domain.path("r.parquet").to_str().unwrap()]), 65);
     // MCAP: the name of a chunk's compression.
     let mut chunk: Vec<u8> = [[0; 8], [0; 8], [0; 8]].concat();
     chunk.extend([0; 4]);

@@ -109,7 +109,7 @@ fn feed_prints_the_step_in_its_own_column_and_replay_and_record_count_it() {
     let service = domain.serve_recording();
     domain.write("lost.csv", &without_every_seventh(700, true));
     domain.write("gaps.csv", &without_every_seventh(700, false));
-    let recorder = domain.spawn(&["record", "--imu", "imu-a", "--flush", "0.05", "-o", "r.parquet"]);
+    let recorder = domain.spawn(&["record", "--imu", "imu-a", "--flush", "0.05", "-o", "r.mcap"]);
     recorder.wait_for_log("recording imu-a");
     let fed = domain.run_ok(&["feed", "--imu", "imu-a", "--delivery", "lost.csv"]);
     let mut lines = fed.lines();
@@ -161,7 +161,7 @@ fn a_recording_that_names_another_imu_is_refused_and_can_be_taken() {
     domain.write("imu-b.toml", &TABLE.replace("\"imu-a\"", "\"imu-b\""));
     let service = domain.serve(&["--imu", "imu-b=imu-b.toml"]);
     domain.write("imu-a.toml", TABLE);
-    let files = ["r.parquet", "r.mcap", "r.csv"];
+    let files = ["r.mcap", "r.csv"];
     let recorders = files.map(|file| domain.spawn(&["record", "--imu", "imu-b", "--flush", "0.05", "-o", file]));
     recorders.iter().for_each(|recorder| recorder.wait_for_log("recording imu-b"));
     // Not as fast as it goes: a recorder on a busy machine would leave samples out, and verify then sees another run.

@@ -5,7 +5,7 @@ use isotherm_documents::LoadError;
 use isotherm_fit::observable;
 use isotherm_pipeline::CampaignFile;
 use isotherm_recording_formats::convert::{KnownColumns, Mapping};
-use isotherm_recording_formats::repair::{Hole, RepairReport, inspect};
+use isotherm_recording_formats::read::RecordingContents;
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -37,32 +37,18 @@ fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Fa
     }
 }
 
-/// Damaged places that are printed one by one.
-const PRINTED: usize = 8;
-
-/// Reads a recording, and verifies its checks.
+/// Reads a recording from beginning to end.
 fn recording(path: &Path) -> Result<String, Failure> {
-    let found = inspect(&isotherm_files::source(path))?;
-    if found.holes.is_empty() {
-        let RepairReport { format, has_checks, streams, .. } = &found;
-        let checks = match has_checks {
-            true => "all as recorded, by its checks",
-            false => "without checks: a number that damage has made of another would not be noticed",
-        };
-        let rows = streams.iter().map(|stream| {
-            let counted = |count: u64, noun: &str| format!("{count} {noun}{}", if count == 1 { "" } else { "s" });
-            format!("{} {} of {}", stream.name, counted(stream.rows, "row"), counted(stream.sessions, "session"))
-        });
-        let rows = rows.collect::<Vec<_>>().join(", ");
-        return Ok(format!("recording in {}, {rows}, {checks}", format.name()));
+    let RecordingContents { format, rows, findings } = RecordingContents::of(&isotherm_files::source(path))?;
+    if !findings.is_empty() {
+        let lines: Vec<_> =
+            findings.iter().map(|finding| finding.tagged(|line| line.to_string()).to_string()).collect();
+        return Err(Failure::new(Exit::Data, lines.join("\n")).at(path, None));
     }
-    let mut lines: Vec<_> = found.holes.iter().take(PRINTED).map(Hole::to_string).collect();
-    if let Some(more) = found.holes.len().checked_sub(PRINTED).filter(|more| *more > 0) {
-        lines.push(format!("{more} more damaged places"));
-    }
-    let remedy = format!("`isotherm repair {0} -o NEW` takes what is whole", shown(path));
-    let message = format!("{}: damaged: {found}\n{}\n{remedy}", shown(path), lines.join("\n"));
-    Err(Failure::new(Exit::Data, message).at(path, None))
+    let counted =
+        |(stream, rows): (&String, &u64)| format!("{stream}: {rows} row{}", if *rows == 1 { "" } else { "s" });
+    let rows: Vec<_> = rows.iter().map(counted).collect();
+    Ok(format!("recording in {format}, {}", rows.join(", ")))
 }
 
 fn mapping(text: &str, path: &Path) -> Result<String, Failure> {

@@ -347,7 +347,7 @@ impl AcceptanceArgs {
     }
 }
 
-/// Refuses a recording that names another IMU than that of its table, as Parquet and MCAP do. To be called after the
+/// Refuses a recording that names another IMU than that of its table, as MCAP does. To be called after the
 /// first row.
 ///
 /// # Errors

@@ -13,6 +13,7 @@ use isotherm_recording::{Layout, RawCsvWriter};
 use isotherm_recording_formats::convert::{Conversion, Scale};
 use isotherm_recording_formats::read::{ImuChoice, Input, Pieces, RowKind};
 use isotherm_recording_formats::write::RowWriter;
+use isotherm_shared::content::WRITE_PARQUET;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::{CoefficientTable, nominal_table};
@@ -32,7 +33,7 @@ use tracing::info;
 /// DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.parquet\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
+    after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.mcap\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"
 )]
 pub struct Convert {
     /// Read these third-party data
@@ -43,7 +44,7 @@ pub struct Convert {
     input: Vec<PathBuf>,
     /// Write the raw samples to this file
     ///
-    /// The name ends with .csv or .parquet; - is stdout (CSV). For several recordings it is a folder. If the name
+    /// The name ends with .csv or .mcap; - is stdout (CSV). For several recordings it is a folder. If the name
     /// contains {instance}, each IMU of a log is written to its own file.
     #[arg(short, long, value_name = "REC")]
     output: PathBuf,
@@ -74,7 +75,7 @@ pub struct Convert {
     temperature_unit: Option<String>,
     /// Name the IMU
     ///
-    /// A Parquet file and the nominal table contain the name.
+    /// An MCAP file and the nominal table contain the name.
     #[arg(long, value_name = "ID", default_value = "imu")]
     imu: ImuId,
     #[command(flatten)]
@@ -166,8 +167,8 @@ impl Convert {
     /// inputs a file of the same name in that folder.
     fn outputs(&self) -> Result<Vec<PathBuf>, Failure> {
         let usage = |message: String| Err(Failure::new(Exit::Usage, message));
-        if has_extension(&self.output, "mcap") {
-            return usage(format!("{}: converted samples go to .csv or .parquet", shown(&self.output)));
+        if has_extension(&self.output, "parquet") {
+            return usage(format!("{}: name it .csv or .mcap; {WRITE_PARQUET}", shown(&self.output)));
         }
         if self.input.len() > 1
             && let Some(pipe) = self.input.iter().find(|input| *input == Path::new("-"))
@@ -373,8 +374,8 @@ struct RowCounts {
 impl RowCounts {
     fn create(convert: &Convert, output: &Path, layout: Layout, session: u64) -> io::Result<Self> {
         let sink = Output::create(Some(output))?;
-        let writer = if has_extension(output, "parquet") {
-            RowWriter::parquet(sink, &convert.imu, StreamKind::Raw, layout)?
+        let writer = if has_extension(output, "mcap") {
+            RowWriter::mcap(sink, &convert.imu, StreamKind::Raw, layout)?
         } else {
             let writer = match session {
                 0 => RawCsvWriter::with_layout(sink, "", false, layout)?,

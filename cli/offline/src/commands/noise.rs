@@ -36,12 +36,12 @@ use std::path::PathBuf;
 /// noise. The curve without that line is then shown, too.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.parquet --kalibr imu.yaml"
+    after_help = "Examples:\n  isotherm noise --table imu-a.toml night.csv --report noise.html\n  isotherm noise night.csv --from 3600 --json\n  isotherm noise --table imu-g.toml night-????.mcap --kalibr imu.yaml"
 )]
 pub struct NoiseCommand {
     /// Read this recording of raw samples
     ///
-    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// A recording of raw samples (CSV, MCAP) or third-party data, or the pieces of one recording in any
     /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
@@ -147,7 +147,7 @@ impl NoiseCommand {
             };
             texts.push(page.write(&noise::html(&analysis, &source))?);
         }
-        StagedText::finish_together(texts)?;
+        StagedText::finish_all(texts)?;
         if self.json.is_given() {
             Ok(print_data(&format!("{:#}\n", noise::json::document(&analysis)))?)
         } else {

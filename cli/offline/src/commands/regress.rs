@@ -37,7 +37,7 @@ const NAMED: usize = 20;
 pub struct Regress {
     /// Read these data with named columns
     ///
-    /// CSV with a header row, Parquet or MCAP, or the pieces of one recording in any order; - is stdin.
+    /// CSV with a header row or MCAP, or the pieces of one recording in any order; - is stdin.
     #[arg(value_name = "DATA", required = true)]
     data: Vec<PathBuf>,
     /// Read the columns of this IMU

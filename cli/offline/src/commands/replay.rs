@@ -30,7 +30,7 @@ use tracing::info;
 /// changes of the session. The flags are those of the service, without the delivery flags.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.parquet -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
+    after_help = "Examples:\n  isotherm replay --table imu-a.toml run.csv -o increments.csv\n  isotherm replay --table imu-a.toml flight-????.mcap -o increments.csv\n  zcat run.csv.gz | isotherm replay --table imu-a.toml - | head\n  isotherm replay --table imu-a.toml run.csv -o run.mcap"
 )]
 pub struct Replay {
     /// Read this coefficient table
@@ -43,7 +43,7 @@ pub struct Replay {
     imu: Option<ImuId>,
     /// Read this recording of raw samples
     ///
-    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// A recording of raw samples (CSV, MCAP) or third-party data, or the pieces of one recording in any
     /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
@@ -53,7 +53,7 @@ pub struct Replay {
     lag: LagArgs,
     /// Accept a recording of another IMU
     ///
-    /// A recording that names an IMU other than that of the table (Parquet, MCAP) is refused otherwise.
+    /// A recording that names an IMU other than that of the table (MCAP) is refused otherwise.
     #[arg(long)]
     other_imu: bool,
     /// Write the increments to this file

@@ -67,7 +67,7 @@ pub struct Verify {
     imu: Option<ImuId>,
     /// Read this recording of raw samples
     ///
-    /// A recording of raw samples (CSV, Parquet, MCAP) or third-party data, or the pieces of one recording in any
+    /// A recording of raw samples (CSV, MCAP) or third-party data, or the pieces of one recording in any
     /// order; - is stdin.
     #[arg(value_name = "RAW", required = true)]
     recording: Vec<PathBuf>,
@@ -130,7 +130,7 @@ pub struct Verify {
     other_device: bool,
     /// Accept a recording of another IMU
     ///
-    /// A recording that names an IMU other than that of the table (Parquet, MCAP) is refused otherwise.
+    /// A recording that names an IMU other than that of the table (MCAP) is refused otherwise.
     #[arg(long)]
     other_imu: bool,
     /// Write the report to this file (HTML)

@@ -240,7 +240,7 @@ impl SimulatedFiles {
 
     /// Makes the files visible, and prints their paths.
     pub(super) fn finish(self) -> Result<(), Failure> {
-        StagedText::finish_together(self.texts)?;
+        StagedText::finish_all(self.texts)?;
         self.paths.iter().try_for_each(|path| print(&format!("{}\n", shown(path))))
     }
 }

@@ -1,7 +1,7 @@
 //! Data that are recognised and not converted, with the way to those that are.
 
 use super::telemetry_log;
-use isotherm_recording::columns::PARQUET_MAGIC;
+use isotherm_shared::content::{PARQUET_MAGIC, READ_PARQUET};
 
 /// Why data that begin with these bytes are refused; `None` if they may be converted.
 pub(super) fn reason(beginning: &[u8]) -> Option<String> {
@@ -28,11 +28,7 @@ const KNOWN: [(&[u8], &str); 27] = [
         "a bag of ROS 1; convert it to MCAP: mcap convert IN.bag OUT.mcap, or \
          rosbags-convert --src IN.bag --dst NEW --dst-storage mcap",
     ),
-    (
-        PARQUET_MAGIC,
-        "Parquet; if it is a recording of Isotherm, every command reads it as it is; otherwise save it \
-        as CSV",
-    ),
+    (PARQUET_MAGIC, READ_PARQUET),
     (b"\xaa\x44\x12", BINARY_NOVATEL),
     (b"\xaa\x44\x13", BINARY_NOVATEL),
     (

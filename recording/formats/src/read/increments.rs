@@ -2,11 +2,12 @@
 
 use super::mcap::McapReader;
 use super::open::{SourceContent, open_source};
-use super::parquet::ParquetReader;
 use super::table::{ImuChoice, TableReader, WantedColumn};
 use isotherm_recording::columns::{ColumnKind, INCREMENT, store_increment};
 use isotherm_recording::csv::{CsvColumn, Rows};
-use isotherm_recording::{ANGLE_CSV_COLUMNS, INCREMENT_CSV_COLUMNS, Progress, RecordingError};
+use isotherm_recording::{
+    ANGLE_CSV_COLUMNS, DamagedPlaces, INCREMENT_CSV_COLUMNS, Progress, RecordingError, RowsBefore,
+};
 use isotherm_shared::wire::{CompensatedIncrement, Flags};
 use isotherm_support::failure::{Failure, shown};
 use isotherm_support::finding::{Finding, Location, name};
@@ -14,7 +15,7 @@ use isotherm_support::source::DataSource;
 use std::io::Read;
 
 /// Passes the increments of a file to `take`: of text as `replay` and `feed` write it, whose session and latency are 0,
-/// or of what `record` writes in any format.
+/// or of what `record` writes in any format. Returns what is damaged and left out, and whether the end is missing.
 ///
 /// # Errors
 /// If it cannot be read, or is no recording of increments.
@@ -23,21 +24,14 @@ pub fn read_increments(
     choice: &ImuChoice,
     bar: &Progress,
     take: impl FnMut(CompensatedIncrement),
-) -> Result<(), Failure> {
-    let failed = |error: RecordingError| error.failure(of.name());
-    let read = match open_source(of, bar, None)? {
-        SourceContent::Csv(source) => read_text(source, take).map(|()| None),
+) -> Result<Vec<Finding>, Failure> {
+    let found = match open_source(of, bar, None)? {
+        SourceContent::Csv(source) => read_text(source, take),
         SourceContent::Mcap(source) => read_table(McapReader::new(of, source, wanted(), choice.clone(), false), take),
-        SourceContent::Parquet(file) => {
-            read_table(ParquetReader::open(file, |_| Ok(wanted()), choice, bar).map_err(failed)?, take)
-        }
     };
-    if let Some(warning) = read.map_err(failed)? {
-        let place = Location::Recording(shown(of.name()).to_string());
-        let finding = Finding::warning(name::TRUNCATED, warning).at(place);
-        bar.warn(&finding.tagged(|line| line.to_string()).to_string());
-    }
-    Ok(())
+    let file = Location::Recording(shown(of.name()).to_string());
+    let found = found.map_err(|error| error.failure(of.name()))?;
+    Ok(found.into_iter().map(|finding| finding.at(file.clone())).collect())
 }
 
 /// The columns by which increments are read: all flags are one number.
@@ -49,11 +43,11 @@ fn wanted() -> Vec<WantedColumn> {
     read_columns().map(|index| WantedColumn::from(&INCREMENT[index])).collect()
 }
 
-/// The rows of a binary format. Returns a warning if their end is missing.
+/// The rows of a binary format.
 fn read_table(
     mut reader: impl TableReader,
     mut take: impl FnMut(CompensatedIncrement),
-) -> Result<Option<String>, RecordingError> {
+) -> Result<Vec<Finding>, RecordingError> {
     let mut values = Vec::new();
     while reader.read(&mut values)? {
         let mut increment = CompensatedIncrement { angle_increment: [f64::NAN; 3], ..CompensatedIncrement::default() };
@@ -62,44 +56,89 @@ fn read_table(
         }
         take(increment);
     }
-    Ok(reader.truncation())
+    let truncation = reader.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
+    Ok(reader.damage().into_iter().chain(truncation).collect())
 }
 
 /// The rows of a text.
-fn read_text(source: impl Read, mut take: impl FnMut(CompensatedIncrement)) -> Result<(), RecordingError> {
+fn read_text(source: impl Read, mut take: impl FnMut(CompensatedIncrement)) -> Result<Vec<Finding>, RecordingError> {
     let mut rows = Rows::new(source);
     rows.next_row()?;
-    let columns =
-        rows.columns(&INCREMENT_CSV_COLUMNS, "is this a comma-separated recording of increments with a header row?")?;
-    let delivery = rows.optional_column("delivery")?;
-    let [session, latency_ns] = [rows.optional_column("session")?, rows.optional_column("latency_ns")?];
-    let angles = match rows.optional_column(ANGLE_CSV_COLUMNS[0])? {
-        Some(_) => Some(rows.columns(&ANGLE_CSV_COLUMNS, "the angle increments of all gyroscopes belong together")?),
-        None => None,
-    };
-    rows.find_checks()?;
-    let count = rows.len();
-    let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
-    while rows.next_row()? && !rows.is_cut() {
-        rows.verify(count)?;
+    let columns = IncrementColumns::find(&rows)?;
+    let (mut before, mut damaged, mut unread) = (RowsBefore::default(), DamagedPlaces::default(), None);
+    loop {
+        match columns.next_row(&mut rows) {
+            Ok(Some(increment)) => {
+                before.take(increment.timestamp_ns);
+                take(increment);
+            }
+            Ok(None) => break,
+            Err(RecordingError::Data { line, message }) => {
+                damaged.take(format!("line {line}"), before, message.clone());
+                unread.get_or_insert(RecordingError::Data { line, message });
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    match unread {
+        Some(error) if before.is_empty() => Err(error),
+        _ => Ok(damaged.finding(before).into_iter().collect()),
+    }
+}
+
+/// The columns of increments in a CSV text.
+struct IncrementColumns {
+    count: usize,
+    always: Vec<CsvColumn>,
+    delivery: Option<CsvColumn>,
+    session: Option<CsvColumn>,
+    latency_ns: Option<CsvColumn>,
+    angles: Option<Vec<CsvColumn>>,
+}
+
+impl IncrementColumns {
+    fn find(header: &Rows<impl Read>) -> Result<Self, RecordingError> {
+        let hint = "is this a comma-separated recording of increments with a header row?";
+        let angles = match header.optional_column(ANGLE_CSV_COLUMNS[0])? {
+            Some(_) => {
+                Some(header.columns(&ANGLE_CSV_COLUMNS, "the angle increments of all gyroscopes belong together")?)
+            }
+            None => None,
+        };
+        Ok(Self {
+            count: header.len(),
+            always: header.columns(&INCREMENT_CSV_COLUMNS, hint)?,
+            delivery: header.optional_column("delivery")?,
+            session: header.optional_column("session")?,
+            latency_ns: header.optional_column("latency_ns")?,
+            angles,
+        })
+    }
+
+    fn next_row(&self, rows: &mut Rows<impl Read>) -> Result<Option<CompensatedIncrement>, RecordingError> {
+        if !rows.next_row()? {
+            return Ok(None);
+        }
+        rows.verify(self.count)?;
+        let hexadecimal = |text: &str| u64::from_str_radix(text, 16).ok().filter(|_| text.len() == 16);
         let names = |column| rows.parse(column, "- or names of flags joined by |", flags);
         let whole = |column: &Option<CsvColumn>| column.as_ref().map_or(Ok(0), |column| rows.integer(column));
         let floats = |columns: &[CsvColumn]| -> Result<[f64; 3], RecordingError> {
             Ok([rows.float(&columns[0])?, rows.float(&columns[1])?, rows.float(&columns[2])?])
         };
-        take(CompensatedIncrement {
-            session: whole(&session)?,
+        let columns = &self.always;
+        Ok(Some(CompensatedIncrement {
+            session: whole(&self.session)?,
             sequence: rows.integer(&columns[0])?,
             timestamp_ns: rows.integer(&columns[1])?,
             interval_ns: rows.integer(&columns[2])?,
             velocity_increment: floats(&columns[3..6])?,
-            angle_increment: angles.as_deref().map_or(Ok([f64::NAN; 3]), floats)?,
+            angle_increment: self.angles.as_deref().map_or(Ok([f64::NAN; 3]), floats)?,
             table: rows.parse(&columns[6], "16 hexadecimal digits", hexadecimal)?,
-            flags: (names(&columns[7])? | delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
-            latency_ns: whole(&latency_ns)?,
-        });
+            flags: (names(&columns[7])? | self.delivery.as_ref().map_or(Ok(Flags::default()), names)?).0,
+            latency_ns: whole(&self.latency_ns)?,
+        }))
     }
-    Ok(())
 }
 
 fn flags(text: &str) -> Option<Flags> {

@@ -3,7 +3,6 @@
 use super::mcap::McapReader;
 use super::open::{SourceContent, open_source};
 use super::order::{FirstRow, first_row_columns, in_order};
-use super::parquet::ParquetReader;
 use super::part::{Clip, Part, RowPlace};
 use super::places::Places;
 use super::table::{ImuChoice, TableReader, WantedColumn};
@@ -172,12 +171,8 @@ impl NumberReader {
         let reader: Box<dyn TableReader> = match open_source(of, bar, None)? {
             SourceContent::Csv(source) => return Self::csv(source, names, times).map_err(failed),
             SourceContent::Mcap(source) => {
-                let wanted = resolve(&may_be_field).map_err(|error| Failure::new(Exit::Data, error))?;
+                let wanted = resolve(&may_be_field).map_err(|error: String| Failure::new(Exit::Data, error))?;
                 Box::new(McapReader::new(of, source, wanted, choice.clone(), false))
-            }
-            SourceContent::Parquet(file) => {
-                let wanted = |found: &[String]| resolve(&|name| found.iter().any(|other| other == name));
-                Box::new(ParquetReader::open(file, wanted, choice, bar).map_err(failed)?)
             }
         };
         Ok(Self { operands, source: NumberSource::Table { reader, values: Vec::new() } })
@@ -197,7 +192,6 @@ impl NumberReader {
         rows.columns(&required, "does the first row name the columns? a-b is the difference of the columns a and b")?;
         let wanted = operands.wanted(times);
         let columns = wanted.iter().map(|column| rows.optional_column(&column.name)).collect::<Result<_, _>>()?;
-        rows.find_checks()?;
         let count = rows.len();
         let mark = DecimalMark::new(separator);
         Ok(Self { operands, source: NumberSource::Csv { rows, columns, count, mark } })
@@ -214,10 +208,7 @@ impl NumberReader {
                         rows.len()
                     )));
                 }
-                if !has_row || rows.is_cut() {
-                    return Ok(false);
-                }
-                rows.verify(*count).map(|()| true)
+                if has_row { rows.verify(*count).map(|()| true) } else { Ok(false) }
             }
             NumberSource::Table { reader, values, .. } => reader.read(values),
         }
@@ -239,10 +230,7 @@ impl NumberReader {
 
     /// How the columns and numbers of a text were read, unless by commas and with points. Valid after the last row.
     fn note(&self) -> Result<Option<String>, RecordingError> {
-        let NumberSource::Csv { rows, mark, .. } = &self.source else { return Ok(None) };
-        if rows.is_cut() {
-            return Ok(Some(format!("line {} is cut and left out", rows.line())));
-        }
+        let NumberSource::Csv { mark, .. } = &self.source else { return Ok(None) };
         let commas = mark.has_commas().map_err(|(line, message)| RecordingError::Data { line, message })?;
         let note = (commas || mark.separator() != Separator::Comma).then(|| {
             let numbers = if commas { "commas" } else { "points" };

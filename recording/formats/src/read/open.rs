@@ -1,8 +1,8 @@
 //! Opens the file of a recording: its format by the first bytes, and the hash of all of them.
 
-use super::random::RandomAccess;
 use isotherm_recording::Progress;
-use isotherm_recording::columns::{MCAP_MAGIC, PARQUET_MAGIC};
+use isotherm_recording::columns::MCAP_MAGIC;
+use isotherm_shared::content::{PARQUET_MAGIC, READ_PARQUET};
 use isotherm_support::failure::{Exit, Failure, shown};
 use isotherm_support::source::DataSource;
 use sha2::{Digest as _, Sha256};
@@ -17,7 +17,6 @@ pub(super) type SharedHash = Rc<RefCell<Sha256>>;
 pub(super) enum SourceContent {
     Csv(Box<dyn Read>),
     Mcap(Box<dyn Read>),
-    Parquet(RandomAccess),
 }
 
 /// Opens a source and detects its format by the first bytes.
@@ -35,16 +34,7 @@ pub(super) fn open_source(
         return Err(Failure::new(Exit::Data, format!("{}: the file is empty", shown(path))).at(path, None));
     }
     if magic.starts_with(PARQUET_MAGIC) {
-        let message = "a Parquet file cannot be read from a pipe: its footer is at its end; name the file";
-        let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten();
-        let file = file.ok_or_else(|| Failure::new(Exit::Usage, message))?;
-        if let Some(hash) = hash {
-            // The reader does not read the pages in order, so the hash needs a pass of its own.
-            let mut source =
-                HashingReader { source: Box::new(of.open().map_err(|error| io(&error))?), hash: Rc::clone(hash) };
-            io::copy(&mut source, &mut io::sink()).map_err(|error| io(&error))?;
-        }
-        return Ok(SourceContent::Parquet(file));
+        return Err(Failure::new(Exit::Data, format!("{}: {READ_PARQUET}", shown(path))).at(path, None));
     }
     let is_mcap = magic == MCAP_MAGIC;
     let source = Box::new(bar.wrap(Cursor::new(magic).chain(source)));

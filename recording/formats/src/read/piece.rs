@@ -3,7 +3,6 @@
 use super::input::Input;
 use super::mcap::McapReader;
 use super::open::{SharedHash, SourceContent, open_source};
-use super::parquet::ParquetReader;
 use super::recognise::{first_line, is_recording};
 use super::table::{TableReader, sample_columns};
 use crate::convert::{Conversion, Foreign, is_bag};
@@ -13,6 +12,7 @@ use isotherm_recording::{CampaignCsvReader, CampaignRow, POSITION, RecordingErro
 use isotherm_shared::table::PulseScale;
 use isotherm_shared::wire::{RawSample, Triad};
 use isotherm_support::failure::Failure;
+use isotherm_support::finding::{Finding, name};
 use isotherm_support::source::DataSource;
 use std::io::{BufReader, Cursor, Read};
 use std::path::PathBuf;
@@ -79,9 +79,6 @@ impl Piece {
             }
             PieceContent::Recording(SourceContent::Mcap(source)) => {
                 table_source(McapReader::new(of, source, columns(), input.imu.clone(), true))
-            }
-            PieceContent::Recording(SourceContent::Parquet(file)) => {
-                table_source(ParquetReader::open(file, |_| Ok(columns()), &input.imu, bar).map_err(failed)?)
             }
         };
         Ok(Self { path: of.name().to_owned(), source })
@@ -227,14 +224,15 @@ impl PieceSource {
         }
     }
 
-    /// A warning if the end of the piece is missing.
-    pub(super) fn truncation(&self) -> Option<String> {
-        match self {
-            Self::Csv(reader) => reader.samples().truncation(),
-            Self::Table(reader, ..) => reader.truncation(),
-            // It is among what the conversion found.
-            Self::Foreign(..) => None,
-        }
+    /// What was left out of the piece, and whether its end is missing. Nothing of foreign data: it is among what the
+    /// conversion found.
+    pub(super) fn findings(&self) -> Vec<Finding> {
+        let (damage, truncation) = match self {
+            Self::Csv(reader) => (reader.samples().damage(), reader.samples().truncation()),
+            Self::Table(reader, ..) => (reader.damage(), reader.truncation()),
+            Self::Foreign(..) => (None, None),
+        };
+        damage.into_iter().chain(truncation.map(|text| Finding::warning(name::TRUNCATED, text))).collect()
     }
 
     /// Takes a row that is not left out.

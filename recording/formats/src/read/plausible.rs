@@ -1,9 +1,11 @@
 //! Which records can be at a place of an MCAP file: what no writer writes there is damage.
 
 use crate::protobuf::begins_with;
-use crate::seal::CREATOR;
 use mcap::parse_record;
 use mcap::records::{Header, Record, op};
+
+/// The begin of the library that the header of an MCAP file names, if the recorder wrote it.
+pub(crate) const CREATOR: &str = "isotherm ";
 
 /// Why no writer writes such a record into a chunk.
 pub(crate) fn foreign_to_chunk(opcode: u8) -> Option<&'static str> {

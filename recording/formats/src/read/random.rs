@@ -1,10 +1,7 @@
-//! Bytes that are read at any place, as a Parquet file is.
+//! Bytes that are read at any place.
 
-use bytes::Bytes;
 use isotherm_support::source::ReadSeek;
-use parquet::errors::ParquetError;
-use parquet::file::reader::{ChunkReader, Length};
-use std::io::{self, BufReader, Read, SeekFrom};
+use std::io::{self, SeekFrom};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes that are read at any place. Its clones read the same bytes.
@@ -29,16 +26,6 @@ impl RandomAccess {
         self.size
     }
 
-    /// Reads some bytes at a place.
-    ///
-    /// # Errors
-    /// Those of the source.
-    pub(crate) fn read_at(&self, buffer: &mut [u8], at: u64) -> io::Result<usize> {
-        let mut source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
-        source.seek(SeekFrom::Start(at))?;
-        source.read(buffer)
-    }
-
     /// Reads so many bytes at a place.
     ///
     /// # Errors
@@ -47,43 +34,5 @@ impl RandomAccess {
         let mut source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
         source.seek(SeekFrom::Start(at))?;
         source.read_exact(buffer)
-    }
-}
-
-/// The bytes from a place on.
-pub(crate) struct ReadFrom {
-    all: RandomAccess,
-    at: u64,
-}
-
-impl Read for ReadFrom {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.all.read_at(buffer, self.at)?;
-        self.at += read as u64;
-        Ok(read)
-    }
-}
-
-impl Length for RandomAccess {
-    fn len(&self) -> u64 {
-        self.size
-    }
-}
-
-impl ChunkReader for RandomAccess {
-    type T = BufReader<ReadFrom>;
-
-    fn get_read(&self, start: u64) -> Result<Self::T, ParquetError> {
-        Ok(BufReader::new(ReadFrom { all: self.clone(), at: start }))
-    }
-
-    fn get_bytes(&self, start: u64, length: usize) -> Result<Bytes, ParquetError> {
-        let mut bytes = Vec::with_capacity(length);
-        let read = ReadFrom { all: self.clone(), at: start }.take(length as u64).read_to_end(&mut bytes)?;
-        if read != length {
-            let message = format!("Expected to read {length} bytes, read only {read}");
-            return Err(ParquetError::EOF(message));
-        }
-        Ok(bytes.into())
     }
 }

@@ -17,7 +17,7 @@ use isotherm_shared::names::ImuId;
 use isotherm_shared::table::{Nominal, PulseScale};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::{Exit, Failure, shown};
-use isotherm_support::finding::{Finding, Location, name};
+use isotherm_support::finding::{Finding, Location};
 use isotherm_support::source::DataSource;
 use sha2::Digest as _;
 use std::path::{Path, PathBuf};
@@ -45,6 +45,8 @@ pub struct Recording {
     sessions: SessionOrder,
     /// What the pieces that have ended were.
     converted: ConversionEnds,
+    /// What is damaged in them, and whether the end of one is missing.
+    damage: Vec<Finding>,
     clip: Clip,
     /// Whether a row of the current piece is within the part that is read.
     is_within: bool,
@@ -145,6 +147,7 @@ impl Recording {
             opened: 1,
             sessions: SessionOrder::default(),
             converted: ConversionEnds::default(),
+            damage: Vec::new(),
             clip,
             is_within: false,
             device: 0,
@@ -202,11 +205,8 @@ impl Recording {
                 }
             }
             rule = self.current.source.sequence_rule();
-            if let Some(warning) = self.current.source.truncation() {
-                let place = Location::Recording(shown(&self.current.path).to_string());
-                let finding = Finding::warning(name::TRUNCATED, warning).at(place);
-                self.bar.warn(&finding.tagged(|line| line.to_string()).to_string());
-            }
+            let file = Location::Recording(shown(&self.current.path).to_string());
+            self.damage.extend(self.current.source.findings().into_iter().map(|finding| finding.at(file.clone())));
             // The log of an autopilot says by itself when the vehicle was in use.
             let is_log = self.current.source.conversion().is_some_and(|conversion| conversion.log_imu().is_some());
             let goes_on = |next: &WaitingPiece| !self.is_one || !is_log && self.borders.goes_on(next);
@@ -320,11 +320,11 @@ impl Recording {
         self.clip.left_out()
     }
 
-    /// What was found in the stamps and the format of foreign data, and concerns their worth. Nothing of recordings.
-    /// Valid after the last row.
+    /// What was found in the stamps and the format of foreign data, and concerns their worth; of recordings, what is
+    /// damaged and left out, and whether the end of a file is missing. Valid after the last row.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        self.converted.findings()
+        self.damage.iter().cloned().chain(self.converted.findings()).collect()
     }
 
     /// What [`nominal_table`](isotherm_shared::table::nominal_table) needs to know of readings: as
@@ -479,7 +479,7 @@ impl Samples {
         self.0.current.source.recorded_ns()
     }
 
-    /// The IMU of the rows, where the recording names it: Parquet and MCAP. Valid after the first row.
+    /// The IMU of the rows, where the recording names it: MCAP. Valid after the first row.
     #[must_use]
     pub fn imu(&self) -> Option<&str> {
         self.0.current.source.imu()

@@ -8,7 +8,6 @@ use super::chunk::{Chunk, ChunkBuffer, MAX_RECORD};
 use super::panics::catch_panic;
 use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
 use super::skip::{ChannelFilter, ChunkIndex};
-use crate::seal::DAMAGED;
 use isotherm_recording::RecordingError;
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_recording::steps;
@@ -17,6 +16,8 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use mcap::{McapError, parse_record};
 use std::io::{self, Read};
 
+/// What is said of a file that no writer writes.
+const DAMAGED: &str = "the file is damaged";
 /// Time and place of a message in an index \[bytes\].
 const INDEX_ENTRY: u64 = 16;
 /// Most bytes that are read at once.

@@ -4,6 +4,7 @@ use isotherm_recording::RecordingError;
 use isotherm_recording::columns::{CAMPAIGN, Column, ColumnKind, ColumnSet, INCOMPLETE_HINT, RAW, incomplete};
 use isotherm_recording::csv::missing_columns;
 use isotherm_shared::names::ImuId;
+use isotherm_support::finding::Finding;
 
 /// The IMU whose rows are read, if a recording has several.
 #[derive(Clone, Debug)]
@@ -120,6 +121,11 @@ pub(super) trait TableReader {
 
     /// The IMU of the rows, where the file names it. Valid after the first row.
     fn imu(&self) -> Option<&str>;
+
+    /// What is damaged and left out. Valid after the last row.
+    fn damage(&self) -> Option<Finding> {
+        None
+    }
 
     /// A warning if the end of the file is missing. Valid after the last row.
     fn truncation(&self) -> Option<String> {

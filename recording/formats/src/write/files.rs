@@ -5,6 +5,7 @@ use super::pieces;
 use super::ros::RosTable;
 use isotherm_recording::columns::Layout;
 use isotherm_recording::rows::RecordedRow;
+use isotherm_shared::content::WRITE_PARQUET;
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_support::failure::shown;
 use isotherm_support::storage::Storage;
@@ -17,8 +18,6 @@ use std::time::Duration;
 pub enum Format {
     /// Text, one file per stream
     Csv,
-    /// Apache Parquet, one file per stream
-    Parquet,
     /// MCAP, which Foxglove and PlotJuggler open: all streams in one file
     Mcap,
     /// MCAP with ROS messages, `sensor_msgs/msg/Imu`: the increments of all IMUs in one file
@@ -27,8 +26,7 @@ pub enum Format {
 
 impl Format {
     /// Every format with its name.
-    pub const NAMES: [(Self, &'static str); 4] =
-        [(Self::Csv, "csv"), (Self::Parquet, "parquet"), (Self::Mcap, "mcap"), (Self::Ros, "ros")];
+    pub const NAMES: [(Self, &'static str); 3] = [(Self::Csv, "csv"), (Self::Mcap, "mcap"), (Self::Ros, "ros")];
 
     /// The format that the ending of a file's name says.
     #[must_use]
@@ -42,8 +40,11 @@ impl Format {
     /// # Errors
     /// If the ending says none, with those that do.
     pub fn named(path: &Path) -> Result<Self, String> {
-        let refused = || format!("{}: name the recording .csv, .parquet or .mcap", shown(path));
-        Self::of_path(path).ok_or_else(refused)
+        Self::of_path(path).ok_or_else(|| {
+            let is_parquet = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("parquet"));
+            let other = if is_parquet { format!("; {WRITE_PARQUET}") } else { String::new() };
+            format!("{}: name the recording .csv or .mcap{other}", shown(path))
+        })
     }
 
     /// Whether one file has all streams, whatever columns they have.
@@ -210,7 +211,7 @@ impl Files {
         for (index, file) in self.open.iter_mut().enumerate() {
             let (imu, stream) = self.streams[index];
             let layout = self.layouts[imu].of_stream(stream);
-            file.change_layout(&self.imus[imu], stream, layout, &self.layouts)?;
+            file.change_layout(stream, layout, &self.layouts)?;
         }
         self.has_rows = true;
         std::mem::take(&mut self.held).iter().try_for_each(|row| self.encode(row))
@@ -342,8 +343,7 @@ impl Files {
     fn is_full(&self) -> bool {
         let old = self.rotation.time.is_some_and(|time| self.storage.now().saturating_sub(self.begun) >= time);
         let large = self.rotation.size.is_some_and(|most| self.open.iter().any(|file| file.size() >= most));
-        // A Parquet file stays readable however long the recording is.
-        self.has_rows && (old || large || self.open.iter().any(OpenFile::is_full))
+        self.has_rows && (old || large)
     }
 
     /// Opens the next files and returns the previous ones.
@@ -382,7 +382,6 @@ impl Files {
         match self.format {
             Format::Csv => OpenFile::csv(self.storage, path, stream, layout),
             Format::Mcap => OpenFile::mcap(self.storage, path, &self.imus, &self.streams, &self.layouts),
-            Format::Parquet => OpenFile::parquet(self.storage, path, &self.imus[imu], stream, layout),
             Format::Ros => {
                 let increments = self.streams.iter().filter(|(_, stream)| *stream == StreamKind::Increment);
                 let imus: Vec<_> = increments.map(|(imu, _)| (*imu, &self.imus[*imu])).collect();
@@ -418,66 +417,4 @@ fn file_name(name: &Path, imu: &ImuId, end: &str) -> PathBuf {
     let (Some(stem), false) = (path.file_stem(), end.is_empty()) else { return PathBuf::from(text) };
     let extension = path.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
     path.with_file_name(format!("{}{end}{}", stem.to_string_lossy(), extension.unwrap_or_default()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::parquet::LONGEST_FOOTER;
-    use super::*;
-    use crate::read::{ImuChoice, Samples};
-    use isotherm_files::{Disk, sources};
-    use isotherm_recording::Progress;
-    use isotherm_shared::wire::{RawSample, StreamSample};
-    use std::fs;
-
-    /// Row groups of a row instead of 65 536: a hundred of them are two hours at 1 kHz. The footer may have a sixteenth
-    /// of what it may have otherwise.
-    #[test]
-    fn a_long_recording_in_parquet_goes_on_in_the_next_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("r.parquet");
-        let imus = ["imu-a".parse().unwrap()];
-        let streams = [(0, StreamKind::Raw)];
-        let created = Files::create(&Disk, &path, Format::Parquet, Rotation::default(), &imus, &streams);
-        let Ok(mut files) = created else { panic!("no file") };
-        files.open[0].shorten(LONGEST_FOOTER / 16);
-        let (mut rows, mut lengths) = (0_u64, Vec::new());
-        while files.current_paths() == [path.clone()] {
-            for _ in 0..8 {
-                let raw = RawSample { sequence: rows, timestamp_ns: rows + 1, interval_ns: 1, ..RawSample::default() };
-                let row = RecordedRow::new(0, 0, StreamSample::Raw(raw));
-                assert!(matches!(files.write(&row), Ok(None)));
-                rows += 1;
-            }
-            assert!(files.flush().is_ok());
-            // The last bytes are the footer's length, and a magic number.
-            let bytes = fs::read(&path).unwrap();
-            lengths.push(u32::from_le_bytes(*bytes[bytes.len() - 8..].first_chunk().unwrap()));
-        }
-        assert_eq!(files.current_paths(), [folder.path().join("r-0002.parquet")]);
-        // It grows in proportion to the groups; a whole one is a quarter of what is read.
-        let [half, all] = [lengths[lengths.len() / 2 - 1], lengths[lengths.len() - 1]].map(f64::from);
-        let groups = lengths.len() as f64;
-        assert!((all / half * (groups / 2.0).floor() / groups - 1.0).abs() < 0.05, "{half} {all}");
-        assert!(all < 1.2 * LONGEST_FOOTER as f64 / 16.0 && rows > 50, "{all} bytes, {rows} groups");
-        assert!(
-            files
-                .write(&RecordedRow::new(
-                    0,
-                    0,
-                    StreamSample::Raw(RawSample {
-                        sequence: rows,
-                        timestamp_ns: rows + 1,
-                        interval_ns: 1,
-                        ..RawSample::default()
-                    }),
-                ))
-                .is_ok_and(|more| more.is_none())
-        );
-        assert!(files.finish().is_ok());
-        let paths = [path, folder.path().join("r-0002.parquet")];
-        let samples = Samples::open(&sources(&paths).unwrap(), ImuChoice::Any, &Progress::default())
-            .unwrap_or_else(|failure| panic!("{failure}"));
-        assert!(samples.map(|sample| sample.unwrap_or_else(|failure| panic!("{failure}")).sequence).eq(0..=rows));
-    }
 }

@@ -22,7 +22,7 @@ impl Appender {
     /// # Errors
     /// If it exists or cannot be written.
     pub(super) fn create(storage: &dyn Storage, path: &Path, bytes: &[u8]) -> io::Result<Self> {
-        let file = storage.create(path, bytes, &[], has_no_rows)?;
+        let file = storage.create(path, bytes, has_no_rows)?;
         Ok(Self { file, length: bytes.len() as u64, pending: Vec::new(), is_restarted: false })
     }
 
@@ -38,7 +38,7 @@ impl Appender {
     pub(super) fn flush(&mut self) -> io::Result<()> {
         match self.is_restarted {
             true => self.file.restart(&self.pending)?,
-            false => self.file.grow(&self.pending, &[])?,
+            false => self.file.grow(&self.pending)?,
         }
         self.is_restarted = false;
         self.length += self.pending.len() as u64;

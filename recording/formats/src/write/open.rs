@@ -2,7 +2,6 @@
 
 use super::growing::Appender;
 use super::mcap::McapFile;
-use super::parquet::ParquetFile;
 use super::ros::{RosFile, RosTable};
 use isotherm_recording::columns::{Layout, columns};
 use isotherm_recording::rows::{self, RecordedRow};
@@ -43,7 +42,6 @@ pub(super) struct OpenFile {
 enum FormatWriter {
     Csv(Appender, Layout),
     Mcap(Box<McapFile>),
-    Parquet(Box<ParquetFile>),
     Ros(Box<RosFile>),
 }
 
@@ -70,18 +68,6 @@ impl OpenFile {
         Ok(Self::new(path, FormatWriter::Mcap(Box::new(file))))
     }
 
-    /// Creates a file of a stream in Parquet.
-    pub(super) fn parquet(
-        storage: &dyn Storage,
-        path: &Path,
-        imu: &ImuId,
-        stream: StreamKind,
-        layout: Layout,
-    ) -> io::Result<Self> {
-        let file = ParquetFile::create(storage, path, imu, stream, layout)?;
-        Ok(Self::new(path, FormatWriter::Parquet(Box::new(file))))
-    }
-
     /// Creates a file of ROS messages.
     pub(super) fn ros(
         storage: &dyn Storage,
@@ -100,7 +86,6 @@ impl OpenFile {
     /// Gives a file without rows another layout: that of its stream, or those of all IMUs.
     pub(super) fn change_layout(
         &mut self,
-        imu: &ImuId,
         stream: StreamKind,
         layout: Layout,
         all: &[Layout],
@@ -114,7 +99,6 @@ impl OpenFile {
                 Ok(())
             }
             FormatWriter::Mcap(file) => file.change_layouts(all),
-            FormatWriter::Parquet(file) => file.change_layout(imu, stream, layout),
             FormatWriter::Ros(_) => Ok(()),
         };
         result.map_err(|error| self.failed(error))
@@ -128,7 +112,6 @@ impl OpenFile {
                 Ok(())
             }
             FormatWriter::Mcap(file) => file.write(row, layout),
-            FormatWriter::Parquet(file) => file.write(row),
             FormatWriter::Ros(file) => file.write(row),
         };
         result.map_err(|error| self.failed(error))
@@ -139,7 +122,6 @@ impl OpenFile {
         let result = match &mut self.writer {
             FormatWriter::Csv(file, _) => file.flush(),
             FormatWriter::Mcap(file) => file.flush(),
-            FormatWriter::Parquet(file) => file.flush(),
             FormatWriter::Ros(file) => file.flush(),
         };
         result.map_err(|error| self.failed(error))
@@ -148,24 +130,11 @@ impl OpenFile {
     /// As [`flush`](Self::flush), and ends the file.
     pub(super) fn finish(&mut self) -> Result<(), FileError> {
         let result = match &mut self.writer {
-            FormatWriter::Csv(..) | FormatWriter::Parquet(_) => return self.flush(),
+            FormatWriter::Csv(..) => return self.flush(),
             FormatWriter::Mcap(file) => file.finish(),
             FormatWriter::Ros(file) => file.finish(),
         };
         result.map_err(|error| self.failed(error))
-    }
-
-    /// Whether the file has grown so long that the rows should go on in another one.
-    pub(super) fn is_full(&self) -> bool {
-        matches!(&self.writer, FormatWriter::Parquet(file) if file.is_full())
-    }
-
-    /// Ends row groups of Parquet after a row, and the file at a footer of this length.
-    #[cfg(test)]
-    pub(super) fn shorten(&mut self, longest_footer: usize) {
-        if let FormatWriter::Parquet(file) = &mut self.writer {
-            file.shorten(longest_footer);
-        }
     }
 
     /// How much of the disk the next flush takes at most \[bytes\], with so many rows that are not written.
@@ -183,7 +152,6 @@ impl OpenFile {
         match &self.writer {
             FormatWriter::Csv(file, _) => file.size(),
             FormatWriter::Mcap(file) => file.size(),
-            FormatWriter::Parquet(file) => file.size(),
             FormatWriter::Ros(file) => file.size(),
         }
     }

@@ -1,10 +1,8 @@
 //! The pieces of a recording that rotates: which numbers are there, and which file a recorder has written.
 
 use crate::read::chunk::ChunkBuffer;
-use crate::read::pages::is_footer;
-use crate::read::panics::catch_panic;
+use crate::read::plausible::CREATOR;
 use crate::read::records::each_record;
-use crate::seal::{CREATOR, MAGIC};
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
 use isotherm_recording::layouts;
 use isotherm_recording::rows::header;
@@ -12,15 +10,12 @@ use isotherm_support::source::ReadSeek;
 use isotherm_support::storage::Storage;
 use mcap::parse_record;
 use mcap::records::Record;
-use parquet::file::metadata::ParquetMetaDataReader;
 use std::collections::BTreeSet;
-use std::io::{self, Read as _, SeekFrom};
+use std::io::{self, Read as _};
 use std::path::Path;
 
 /// The beginning of a file that shows whose it is \[bytes\]: the header of CSV with all columns is shorter.
 const BEGIN: u64 = 1 << 13;
-/// The longest footer that is looked at \[bytes\].
-const MOST_FOOTER: u64 = 1 << 26;
 
 /// The numbers of the files next to `path` whose names are `path` with a number, `-0001` or higher, before the ending.
 /// What stands between number and ending is not looked at.
@@ -42,7 +37,7 @@ pub(super) fn is_own(storage: &dyn Storage, path: &Path) -> bool {
     storage.is_own(path, is_of_recorder)
 }
 
-/// Whether a file begins as the recorder's do; of Parquet, whose beginning shows nothing, the end is looked at.
+/// Whether a file begins as the recorder's do.
 fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
     let mut begin = Vec::new();
     (&mut *file).take(BEGIN).read_to_end(&mut begin)?;
@@ -57,25 +52,7 @@ fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
         });
         return Ok(is_own);
     }
-    if !begin.starts_with(MAGIC) {
-        return Ok(layouts().any(|(stream, layout)| begin.starts_with(&header(&columns(stream, layout)))));
-    }
-    let length = file.seek(SeekFrom::End(0))?;
-    let mut end = [0; 8];
-    file.seek(SeekFrom::Start(length.saturating_sub(8)))?;
-    file.read_exact(&mut end)?;
-    let footer = u64::from(u32::from_le_bytes([end[0], end[1], end[2], end[3]]));
-    if footer > MOST_FOOTER || footer + 8 > length {
-        return Ok(false);
-    }
-    file.seek(SeekFrom::Start(length - 8 - footer))?;
-    let mut bytes = Vec::new();
-    (&mut *file).take(footer).read_to_end(&mut bytes)?;
-    let footer =
-        catch_panic(|| ParquetMetaDataReader::decode_metadata(Some(&bytes[..]).filter(|of| is_footer(of))?).ok());
-    Ok(footer
-        .flatten()
-        .is_some_and(|footer| footer.file_metadata().created_by().is_some_and(|by| by.starts_with(CREATOR))))
+    Ok(layouts().any(|(stream, layout)| begin.starts_with(&header(&columns(stream, layout)))))
 }
 
 #[cfg(test)]
@@ -115,7 +92,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let rotation =
             Rotation { size: Some(1), keep_free: Some(u64::MAX), delete_oldest: true, ..Rotation::default() };
-        for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
+        for (format, name) in [(Format::Csv, "r.csv"), (Format::Mcap, "r.mcap")] {
             let path = |number: u32| folder.path().join(name.replace('.', &format!("-{number:04}.")));
             let imus = ["imu-a".parse().unwrap()];
             let create = |rotation| {

@@ -1,7 +1,6 @@
 //! Rows of one stream that become one file from beginning to end, in any format.
 
 use super::mcap::McapStream;
-use super::parquet::ParquetStream;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{IncrementCsvWriter, Layout, RawCsvWriter};
 use isotherm_shared::names::{ImuId, StreamKind};
@@ -14,7 +13,6 @@ pub struct RowWriter<W: Write>(FormatStream<W>);
 enum FormatStream<W: Write> {
     Raw(Box<RawCsvWriter<W>>),
     Increments(Box<IncrementCsvWriter<W>>),
-    Parquet(Box<ParquetStream<W>>),
     Mcap(Box<McapStream<W>>),
 }
 
@@ -33,15 +31,6 @@ impl<W: Write> From<IncrementCsvWriter<W>> for RowWriter<W> {
 }
 
 impl<W: Write> RowWriter<W> {
-    /// Begins a file of Parquet.
-    ///
-    /// # Errors
-    /// Those of the sink and of the library.
-    pub fn parquet(sink: W, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        let writer = ParquetStream::new(sink, imu, stream, layout.of_stream(stream))?;
-        Ok(Self(FormatStream::Parquet(Box::new(writer))))
-    }
-
     /// Begins a file of MCAP.
     ///
     /// # Errors
@@ -62,7 +51,6 @@ impl<W: Write> RowWriter<W> {
             (FormatStream::Raw(writer), StreamSample::Raw(raw)) => writer.write("", raw),
             (FormatStream::Increments(writer), StreamSample::Increment(increment)) => writer.write(increment),
             (FormatStream::Raw(_) | FormatStream::Increments(_), _) => Ok(()),
-            (FormatStream::Parquet(writer), _) => writer.write(&row),
             (FormatStream::Mcap(writer), _) => writer.write(&row),
         }
     }
@@ -75,7 +63,6 @@ impl<W: Write> RowWriter<W> {
         match self.0 {
             FormatStream::Raw(writer) => writer.finish(),
             FormatStream::Increments(writer) => writer.finish(),
-            FormatStream::Parquet(writer) => writer.finish(),
             FormatStream::Mcap(writer) => writer.finish(),
         }
     }

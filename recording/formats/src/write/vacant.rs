@@ -1,17 +1,14 @@
 //! Whether a file is a recording without rows: what a recorder leaves that began and got no row.
 
 use crate::read::chunk::ChunkBuffer;
-use crate::read::pages::is_footer;
-use crate::read::panics::catch_panic;
+use crate::read::plausible::CREATOR;
 use crate::read::records::each_record;
-use crate::seal::{CREATOR, MAGIC};
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
+use isotherm_recording::layouts;
 use isotherm_recording::rows::header;
-use isotherm_recording::{CHECK, layouts};
 use isotherm_support::storage::Storage;
 use mcap::parse_record;
 use mcap::records::{Record, op};
-use parquet::file::metadata::ParquetMetaDataReader;
 use std::path::Path;
 
 /// Whether a recording can be created with this name: there is no such file, or one of this user without rows, that no
@@ -29,29 +26,7 @@ pub(super) fn has_no_rows(bytes: &[u8]) -> bool {
     if bytes.starts_with(MCAP_MAGIC) {
         return has_no_messages(bytes);
     }
-    if bytes.starts_with(MAGIC) {
-        return has_no_groups(bytes);
-    }
-    layouts().any(|(stream, layout)| {
-        let header = header(&columns(stream, layout));
-        // Files from before there were checks.
-        let unchecked = header.strip_suffix(format!(",{CHECK}\n").as_bytes()).unwrap_or_default();
-        bytes == header || bytes.strip_suffix(b"\n").is_some_and(|bytes| bytes == unchecked)
-    })
-}
-
-fn has_no_groups(bytes: &[u8]) -> bool {
-    let footer = || {
-        let end = bytes.len().checked_sub(8)?;
-        let length = u32::from_le_bytes(*bytes.get(end..)?.first_chunk()?) as usize;
-        let footer = bytes.get(end.checked_sub(length)?..end).filter(|footer| is_footer(footer))?;
-        ParquetMetaDataReader::decode_metadata(footer).ok()
-    };
-    let footer = catch_panic(footer).flatten();
-    footer.is_some_and(|footer| {
-        let about = footer.file_metadata();
-        about.created_by().is_some_and(|by| by.starts_with(CREATOR)) && footer.num_row_groups() == 0
-    })
+    layouts().any(|(stream, layout)| bytes == header(&columns(stream, layout)))
 }
 
 /// Whether an MCAP file of the recorder has nothing but channels. A record that is cut, or wrong, may be of messages.
@@ -72,7 +47,6 @@ fn has_no_messages(bytes: &[u8]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::write::{Files, Format, Rotation};
     use isotherm_files::Disk;
     use isotherm_recording::rows::RecordedRow;
@@ -84,7 +58,7 @@ mod tests {
     fn a_recording_without_rows_is_replaced_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let streams = StreamKind::BOTH.map(|stream| (0, stream));
-        for (format, name) in [(Format::Csv, "r.csv"), (Format::Parquet, "r.parquet"), (Format::Mcap, "r.mcap")] {
+        for (format, name) in [(Format::Csv, "r.csv"), (Format::Mcap, "r.mcap")] {
             let path = folder.path().join(name);
             let create =
                 || Files::create(&Disk, &path, format, Rotation::default(), &["imu-a".parse().unwrap()], &streams);
@@ -114,16 +88,5 @@ mod tests {
             assert!(refused(), "{name}: a link");
         }
         assert!(!folder.path().join("none").exists());
-    }
-
-    /// A file that was begun before there were checks.
-    #[test]
-    fn a_header_of_before_is_a_recording_without_rows() {
-        for (stream, layout) in layouts() {
-            let names: Vec<_> = columns(stream, layout).iter().map(|column| column.name).collect();
-            let text = names.join(",");
-            assert!(has_no_rows(format!("{text}\n").as_bytes()) && has_no_rows(format!("{text},check\n").as_bytes()));
-            assert!(!has_no_rows(format!("{text}\n1\n").as_bytes()) && !has_no_rows(text.as_bytes()));
-        }
     }
 }

@@ -338,7 +338,7 @@ fn formats_that_are_not_converted_are_refused_with_a_remedy() {
     for (bytes, remedy) in [
         (&b"SQLite format 3\0\x10\0"[..], "convert it to MCAP: ros2 bag convert"),
         (b"#ROSBAG V2.0\n", "convert it to MCAP: mcap convert"),
-        (b"PAR1\x15\x04", "every command reads it as it is"),
+        (b"PAR1\x15\x04", "pandas.read_parquet"),
         (b"\xaa\x44\x13\x28", "RAWIMUSXA"),
         (b"\x1f\x8b\x08", "zcat"),
         (b"PK\x03\x04", "save it as CSV"),

@@ -4,27 +4,20 @@
 use crate::logs::Ulog;
 use isotherm_files::{Disk, source, sources};
 use isotherm_recording::Progress;
-use isotherm_recording::columns::RAW;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::steps;
 use isotherm_recording_formats::convert::{Conversion, Settings};
-use isotherm_recording_formats::read::{ImuChoice, Samples};
-use isotherm_recording_formats::repair::repair;
+use isotherm_recording_formats::read::{ImuChoice, RecordingContents, Samples};
 use isotherm_recording_formats::write::{Files, Format, Rotation};
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample};
 use mcap::records::{MessageHeader, op};
-use parquet::data_type::Int64Type;
-use parquet::file::properties::{EnabledStatistics, WriterProperties};
-use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::parser::parse_message_type;
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 use std::slice;
-use std::sync::Arc;
 use std::time::Duration;
 
 /// Makes a file of about this length.
@@ -72,9 +65,6 @@ const WORST: &[(&str, Worst)] = &[
     }),
     ("MCAP: records of no kind", |size| mcap(size, |_| record(0x80, &[]))),
     ("MCAP: zeros", |size| mcap(size, |_| vec![0; 9])),
-    ("Parquet: pages", |size| parquet_pages(size / 30)),
-    ("Parquet: groups", |size| parquet(2, size / 400)),
-    ("Parquet: columns", |size| parquet(size / 200, 1)),
     ("CSV: columns", |size| text(size, "sequence,timestamp_ns,a1_positive", |index| format!(",c{index}"))),
     ("CSV: columns and rows", |size| {
         let header: String = (0..size / 16).map(|index| format!("c{index},")).collect();
@@ -271,43 +261,6 @@ fn chunk_of_messages() -> Vec<u8> {
     bytes[begin..begin + 9 + length].to_vec()
 }
 
-/// A group with so many pages of a row each.
-fn parquet_pages(pages: usize) -> Vec<u8> {
-    let columns: Vec<&str> = RAW.iter().map(|column| column.name).collect();
-    let fields: String = columns.iter().map(|name| format!("required int64 {name};")).collect();
-    let schema = Arc::new(parse_message_type(&format!("message m {{ {fields} }}")).unwrap());
-    let properties = WriterProperties::builder().set_dictionary_enabled(false).set_data_page_row_count_limit(1);
-    let properties = properties.set_write_batch_size(1).set_statistics_enabled(EnabledStatistics::None);
-    let properties = Arc::new(properties.set_offset_index_disabled(true).build());
-    let mut file = SerializedFileWriter::new(Vec::new(), schema, properties).unwrap();
-    let rows: Vec<i64> = (0..(pages / columns.len()) as i64).collect();
-    let mut group = file.next_row_group().unwrap();
-    while let Some(mut column) = group.next_column().unwrap() {
-        column.typed::<Int64Type>().write_batch(&rows, None, None).unwrap();
-        column.close().unwrap();
-    }
-    group.close().unwrap();
-    file.into_inner().unwrap()
-}
-
-/// Groups of a row each, of so many columns.
-fn parquet(columns: usize, groups: usize) -> Vec<u8> {
-    let fields: String = (0..columns).map(|index| format!("required int64 c{index};")).collect();
-    let fields = format!("message m {{ required int64 sequence; required int64 timestamp_ns; {fields} }}");
-    let schema = Arc::new(parse_message_type(&fields).unwrap());
-    let properties = Arc::new(WriterProperties::builder().set_dictionary_enabled(false).build());
-    let mut file = SerializedFileWriter::new(Vec::new(), schema, properties).unwrap();
-    for row in 0..groups {
-        let mut group = file.next_row_group().unwrap();
-        while let Some(mut column) = group.next_column().unwrap() {
-            column.typed::<Int64Type>().write_batch(&[row as i64], None, None).unwrap();
-            column.close().unwrap();
-        }
-        group.close().unwrap();
-    }
-    file.into_inner().unwrap()
-}
-
 /// Reads a file in every way. None of them matters but the work that it takes.
 fn read(path: &Path) {
     for choice in [ImuChoice::Any, ImuChoice::Only("i1".parse().unwrap()), ImuChoice::Prefer("i1".parse().unwrap())] {
@@ -316,7 +269,7 @@ fn read(path: &Path) {
     }
     let converted = Conversion::open(&source(path), None, &Settings::default());
     drop(converted.map(|rows| rows.take_while(Result::is_ok).count()));
-    drop(repair(&source(path), std::io::sink()));
+    drop(RecordingContents::of(&source(path)));
 }
 
 /// Steps and processor time that a file of this length takes.

@@ -11,15 +11,14 @@ use isotherm_shared::lag::Lag;
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
-use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
 const RUNS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data");
-const FORMATS: [(Format, &str); 3] = [(Format::Csv, "csv"), (Format::Parquet, "parquet"), (Format::Mcap, "mcap")];
+const FORMATS: [(Format, &str); 2] = [(Format::Csv, "csv"), (Format::Mcap, "mcap")];
 
 fn imu(name: &str) -> ImuId {
     name.parse().unwrap()
@@ -101,8 +100,7 @@ impl Recorder {
     }
 }
 
-/// The names of the columns of a stream, by the library of the format; in MCAP of each channel. In CSV without the one
-/// of the checks, which comes last.
+/// The names of the columns of a stream, by the library of the format; in MCAP of each channel.
 fn columns(path: &Path, topic: &str) -> Vec<Vec<String>> {
     let end = if topic.ends_with("/increment") { ".increments" } else { "" };
     let of_stream = || {
@@ -112,13 +110,7 @@ fn columns(path: &Path, topic: &str) -> Vec<Vec<String>> {
     match path.extension().unwrap().to_str().unwrap() {
         "csv" => {
             let text = fs::read_to_string(of_stream()).unwrap();
-            let header = text.lines().next().unwrap();
-            vec![header.strip_suffix(",check").unwrap_or(header).split(',').map(str::to_owned).collect()]
-        }
-        "parquet" => {
-            let reader = SerializedFileReader::new(File::open(of_stream()).unwrap()).unwrap();
-            let schema = reader.metadata().file_metadata().schema_descr();
-            vec![schema.columns().iter().map(|column| column.name().to_owned()).collect()]
+            vec![text.lines().next().unwrap().split(',').map(str::to_owned).collect()]
         }
         _ => {
             let bytes = fs::read(path).unwrap();
@@ -186,7 +178,7 @@ fn files_from_before_gyroscopes_are_read_as_they_were() {
     }
 }
 
-/// An IMU without gyroscopes, lag and device gets the same columns as ever, and in CSV the checks.
+/// An IMU without gyroscopes, lag and device gets the same columns as ever.
 #[test]
 fn an_imu_without_gyroscopes_gets_no_new_column() {
     let folder = TempDir::new().unwrap();
@@ -204,12 +196,7 @@ fn an_imu_without_gyroscopes_gets_no_new_column() {
             for end in [".csv", ".increments.csv"] {
                 let [new, old] = [folder.path().join("new"), Path::new(DATA).join("old")]
                     .map(|path| fs::read_to_string(format!("{}{end}", path.display())).unwrap());
-                let (rows, checks): (Vec<_>, Vec<_>) = new.lines().map(|line| line.rsplit_once(',').unwrap()).unzip();
-                assert!(rows.iter().eq(&old.lines().collect::<Vec<_>>()));
-                let expected = |row: &&str| format!("{:08x}", crc32fast::hash(row.as_bytes()));
-                assert!(
-                    checks[0] == "check" && checks[1..].iter().eq(&rows[1..].iter().map(expected).collect::<Vec<_>>())
-                );
+                assert_eq!(new, old);
             }
         }
     }
@@ -278,7 +265,7 @@ fn the_rows_before_the_first_flush_decide_the_columns() {
         assert_increments(&path, "imu-g", &table, &read(std::slice::from_ref(&path)));
     }
     let left = fs::read_dir(folder.path()).unwrap().count();
-    assert_eq!(left, 5, "no file besides those of the streams");
+    assert_eq!(left, 3, "no file besides those of the streams");
 }
 
 /// The increments of a recording have every angle to the last bit; flags have 64 bits.
@@ -461,7 +448,7 @@ fn the_lag_of_a_recording_that_has_one_is_used_as_it_is() {
     reading.set_lag(60_000_000_000);
     assert_same(&reading.map(Result::unwrap).collect::<Vec<_>>(), &samples);
     // A piece that has none, before one that has.
-    let before = without_lag(folder.path(), Format::Parquet, "before.parquet", &samples[..400]);
+    let before = without_lag(folder.path(), Format::Mcap, "before.mcap", &samples[..400]);
     let rest = folder.path().join("rest.csv");
     let text = fs::read_to_string(&path).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();

@@ -24,4 +24,3 @@ mod part;
 mod proposals;
 mod recognised;
 mod split;
-mod unchecked;

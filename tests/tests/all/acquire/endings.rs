@@ -89,7 +89,7 @@ const FRAMES: u64 = 200;
 #[test]
 fn a_signal_ends_it_while_the_line_babbles_or_is_silent() {
     for line in [Line::Silent, Line::Syncs, Line::Noise] {
-        for (service, record) in [(false, "acquired.parquet"), (true, "acquired.mcap"), (true, "acquired.csv")] {
+        for (service, record) in [(false, "acquired.mcap"), (true, "acquired.mcap"), (true, "acquired.csv")] {
             let domain = TestDomain::new();
             let terminal = Terminal::new(&domain);
             describe(&domain, Emulator::Stim300Rate, &[]);
@@ -164,9 +164,9 @@ fn a_signal_ends_it_before_anything_has_come() {
     let domain = TestDomain::new();
     let _terminal = Terminal::new(&domain);
     domain.write("source.toml", &profile(&domain, Emulator::Kvh1750, &[]));
-    let acquire = Acquire::start(&domain, "acquire", &["--record", "empty.parquet"]);
+    let acquire = Acquire::start(&domain, "acquire", &["--record", "empty.mcap"]);
     acquire.process.wait_for_log("nothing has come for");
     let tally = acquire.end();
     assert_eq!(counts(&tally, ["bytes", "frames", "samples", "sessions"]), [0; 4], "{tally}");
-    assert!(domain.path("empty.parquet").exists());
+    assert!(domain.path("empty.mcap").exists());
 }

@@ -149,7 +149,7 @@ fn a_wrong_description_is_refused_with_all_faults_at_once() {
     domain.write("there.csv", "mine");
     acquire_refused(&domain, &["--record", "there.csv"], 74, &["there.csv"]);
     assert_eq!(fs::read_to_string(domain.path("there.csv")).unwrap(), "mine");
-    acquire_refused(&domain, &["--record", "x.txt"], 64, &["x.txt: name the recording .csv, .parquet or .mcap"]);
+    acquire_refused(&domain, &["--record", "x.txt"], 64, &["x.txt: name the recording .csv or .mcap"]);
     symlink("absent", super::line(&domain)).unwrap();
     acquire_refused(&domain, &["--dry-run"], 74, &["plug it in"]);
 }

@@ -92,7 +92,7 @@ fn a_full_disk_costs_no_row_that_is_not_counted() {
     if !may_mount() {
         return;
     }
-    for format in ["csv", "parquet", "mcap"] {
+    for format in ["csv", "mcap"] {
         let domain = TestDomain::new();
         let device = device(&domain);
         domain.run_ok(&["acquire", "source.toml", "--nominal", "imu-a.toml"]);

@@ -50,7 +50,7 @@ fn a_thermometer_that_dies_is_seen_live_and_offline_until_it_is_back() {
     domain.run_ok(&["acquire", "source.toml", "--nominal", "imu-a.toml"]);
     let service = domain.serve(&["--imu", "imu-a=imu-a.toml"]);
     let reader = read(&domain, "read.csv");
-    let others = ["raw.parquet", "raw.mcap"].map(|name| {
+    let others = ["raw.csv", "raw.mcap"].map(|name| {
         let reader = domain.spawn(&["record", "--imu", "imu-a", "--stream", "raw", "--flush", "0.1", "-o", name]);
         reader.wait_for_log("recording imu-a");
         reader
@@ -101,7 +101,7 @@ fn a_thermometer_that_dies_is_seen_live_and_offline_until_it_is_back() {
     // What was answered, what the recording replays to, and what a service makes of the recording.
     let exact = replayed(&domain, &samples, "acquired.csv");
     assert!(kept(&domain, "read.increments.csv") == exact);
-    for name in ["acquired.csv", "raw.parquet", "raw.mcap"] {
+    for name in ["acquired.csv", "raw.csv", "raw.mcap"] {
         let replay = domain.run_ok(&["replay", "--table", "imu-a.toml", name]);
         let flagged = Flags::TELEMETRY_STALE.to_string();
         assert_eq!(replay.lines().filter(|row| row.contains(&flagged)).count(), stale, "{name}");

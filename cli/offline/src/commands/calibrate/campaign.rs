@@ -51,7 +51,7 @@ impl CampaignJob<'_> {
         let files = self.create_files(campaign)?;
         let outcome = (self.calibrate)(campaign)?;
         tell_outcome(&outcome, self.table.json);
-        StagedText::finish_together(files.write(campaign, &outcome, &[])?)?;
+        StagedText::finish_all(files.write(campaign, &outcome, &[])?)?;
         Ok(self.table.json.print(&outcome.json())?)
     }
 
@@ -81,7 +81,7 @@ impl CampaignJob<'_> {
         for (member, files) in members.iter().zip(staged) {
             member.tell(self.table.json);
             if let Ok((campaign, outcome)) = &member.result {
-                StagedText::finish_together(files.write(campaign, outcome, &[])?)?;
+                StagedText::finish_all(files.write(campaign, outcome, &[])?)?;
             }
         }
         ended?;

@@ -38,7 +38,7 @@ pub(super) struct Turntable {
     campaign: Option<PathBuf>,
     /// Read these samples instead of the campaign file's
     ///
-    /// CSV, Parquet or MCAP, or the pieces of one recording in any order.
+    /// CSV or MCAP, or the pieces of one recording in any order.
     #[arg(value_name = "SAMPLES")]
     samples: Vec<PathBuf>,
     /// Write the table to this file

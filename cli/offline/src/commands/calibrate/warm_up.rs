@@ -121,7 +121,7 @@ impl WarmUp {
         for (staged, exported) in exports.into_iter().zip(&exported) {
             texts.push(staged.write(&exported.text)?);
         }
-        StagedText::finish_together(texts)?;
+        StagedText::finish_all(texts)?;
         for (file, exported) in self.export.iter().zip(&exported) {
             tell_left_out(exported);
             file.tell(exported);

@@ -53,7 +53,7 @@ impl WarmUp {
         for (staged, joint) in exports.into_iter().zip(&joint) {
             texts.push(staged.write(&joint.text)?);
         }
-        StagedText::finish_together(texts)?;
+        StagedText::finish_all(texts)?;
         for (file, joint) in self.export.iter().zip(&joint) {
             tell_notes(&joint.notes);
             file.tell(joint);
