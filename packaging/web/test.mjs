@@ -136,7 +136,8 @@ await test("a table of the page becomes parameters", async () => {
 
 await test("every shipped log is described as the command does it", async () => {
   const texts = ["tumble3", "xsens", "ferraris"].map((name) => `${lab}/${name}/recording.csv`);
-  for (const file of [...["heating.ulg", "heating.BIN"].map((name) => `${logs}/${name}`), ...texts, example, `${fit}/consumer/thermal-run.csv`, `${fit}/ramp/ramp-1.csv`, "tests/data/run.csv", "tests/data/run-g.csv"]) {
+  const bags = ["old.mcap", "bags/zstd.mcap", "bags/lz4.mcap"].map((name) => `recording/formats/tests/data/${name}`);
+  for (const file of [...["heating.ulg", "heating.BIN"].map((name) => `${logs}/${name}`), ...texts, ...bags, example, `${fit}/consumer/thermal-run.csv`, `${fit}/ramp/ramp-1.csv`, "tests/data/run.csv", "tests/data/run-g.csv"]) {
     await page.choose([file]);
     const there = JSON.parse(native(`isotherm describe ${basename(file)} --json`, [file]).stdout).files[0];
     assert.equal(await page.page.locator(".card").count(), 1, file);
@@ -149,13 +150,11 @@ await test("every shipped log is described as the command does it", async () => 
   }
 });
 
-await test("a recording that is compressed with zstd is refused with the remedy", async () => {
-  for (const [name, remedy] of [["old.mcap", "mcap decompress"], ["old.parquet", "write it with snappy"]]) {
-    await page.choose([`recording/formats/tests/data/${name}`]);
-    const card = await page.page.locator(".card").textContent();
-    assert.ok(card.includes("zstd") || card.includes("ZSTD"), card);
-    assert.ok(card.includes(remedy), card);
-  }
+await test("Parquet that is compressed with zstd is refused with the remedy", async () => {
+  await page.choose(["recording/formats/tests/data/old.parquet"]);
+  const card = await page.page.locator(".card").textContent();
+  assert.ok(card.includes("zstd") || card.includes("ZSTD"), card);
+  assert.ok(card.includes("write it with snappy"), card);
 });
 
 await test("the example is one button, and the query presets the fields", async () => {

@@ -26,5 +26,5 @@ pub mod ros;
 mod varint;
 pub mod write;
 
-/// Whether what is compressed with zstd can be read and written. The library is C code, which WebAssembly has not.
+/// Whether Parquet with zstd can be read and written. Its library is C code, which WebAssembly has not.
 const HAS_ZSTD: bool = cfg!(not(target_family = "wasm"));

@@ -1,5 +1,6 @@
 //! Writes recordings that grow. They are complete up to the last flush at every moment, even if the recorder is killed.
 
+mod container;
 mod files;
 mod growing;
 mod mcap;
@@ -10,6 +11,7 @@ mod publication;
 mod ros;
 mod stream;
 mod vacant;
+mod zstd;
 
 pub use files::{Files, Format, IMU_PLACEHOLDER, MoreColumns, Rotation};
 pub use open::FileError;

@@ -7,7 +7,10 @@ use isotherm_recording::Progress;
 use isotherm_recording_formats::read::{ImuChoice, Part, read_numbers};
 use isotherm_tests::emulator::Emulator;
 use isotherm_tests::{TestDomain, id, recording, round_trip};
+use mcap::read::LinearReader;
+use mcap::records::Record;
 use rustix::process::Signal;
+use ruzstd::decoding::FrameDecoder;
 use std::fs;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -34,9 +37,20 @@ fn rows(domain: &TestDomain, file: &str, column: &str) -> Vec<[f64; 3]> {
 
 /// The publish times of a topic.
 fn publish_times(domain: &TestDomain, file: &str, topic: &str) -> Vec<u64> {
-    let bytes = fs::read(domain.path(file)).unwrap();
-    let messages = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
-    messages.filter(|message| message.channel.topic == topic).map(|message| message.publish_time).collect()
+    let (bytes, mut channel, mut times) = (fs::read(domain.path(file)).unwrap(), None, Vec::new());
+    for record in LinearReader::new(&bytes).unwrap() {
+        let Record::Chunk { header, data } = record.unwrap() else { continue };
+        let mut records = vec![0; header.uncompressed_size as usize];
+        FrameDecoder::new().decode_all(&data, &mut records).unwrap();
+        for record in LinearReader::sans_magic(&records) {
+            match record.unwrap() {
+                Record::Channel(record) if record.topic == topic => channel = Some(record.id),
+                Record::Message { header, .. } if Some(header.channel_id) == channel => times.push(header.publish_time),
+                _ => {}
+            }
+        }
+    }
+    times
 }
 
 #[test]

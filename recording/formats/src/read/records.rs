@@ -170,19 +170,17 @@ impl Records {
     /// The next event of the chunk that is read; `None` behind it.
     fn of_chunk(&mut self) -> Result<Option<McapEvent>, RecordsError> {
         let Some(chunk) = &mut self.chunk else { return Ok(None) };
+        let Some((opcode, data)) = chunk.next().map_err(damaged)? else {
+            self.chunk = None;
+            return Ok(None);
+        };
         let (data_ended, is_own) = (self.data_ended, self.is_own);
-        let event = catch_panic(|| {
-            let judged = chunk.next(|opcode, data| match foreign_to_chunk(opcode) {
+        checked(catch_panic(|| {
+            Some(match foreign_to_chunk(opcode) {
                 Some(what) => Ok(McapEvent::Impossible(what)),
                 None => judged(opcode, data, data_ended, is_own),
-            });
-            judged.transpose().map(Result::flatten)
-        });
-        let event = checked(event)?;
-        if event.is_none() {
-            self.chunk = None;
-        }
-        Ok(event)
+            })
+        }))
     }
 
     /// Takes a chunk: one that may have to be read waits for its index.
@@ -198,7 +196,7 @@ impl Records {
     fn open(&mut self, content: &[u8]) -> Result<(), RecordsError> {
         let counted = self.unpacked.add(content, self.bytes);
         counted.map_err(|message| RecordsError::Invalid(format!("{message}; or {DAMAGED}")))?;
-        self.chunk = Some(Chunk::new(content));
+        self.chunk = Some(unpacked(content).map_err(damaged)?);
         Ok(())
     }
 
@@ -264,11 +262,19 @@ fn checked(event: Option<Option<Result<McapEvent, McapError>>>) -> Result<Option
         Some(Some(Err(McapError::BadDataCrc { .. }))) => {
             format!("outside of its chunks the file does not match its check; {DAMAGED}")
         }
-        Some(Some(Err(McapError::BadChunkCrc { .. }))) => format!("the chunk does not match its check; {DAMAGED}"),
-        Some(Some(Err(McapError::UnsupportedCompression(name)))) => unread(&name),
         Some(Some(Err(error))) => format!("not a valid MCAP file: {error}; {DAMAGED}"),
     };
     Err(RecordsError::Invalid(message))
+}
+
+/// The records of a chunk. The libraries that unpack them may panic at some damage.
+fn unpacked(content: &[u8]) -> Result<Chunk, String> {
+    catch_panic(|| Chunk::new(content)).unwrap_or_else(|| Err("a chunk that cannot be unpacked".to_owned()))
+}
+
+/// An error of damage in a chunk.
+fn damaged(message: String) -> RecordsError {
+    RecordsError::Invalid(format!("{message}; {DAMAGED}"))
 }
 
 fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
@@ -314,37 +320,18 @@ pub(crate) fn each_record(
                 }
                 Some(Ok(LinearReadEvent::Record { opcode: op::CHUNK, data })) => {
                     unpacked.add(data, length)?;
-                    let mut chunk = Chunk::new(data);
-                    let mut taken = |opcode, data: &[u8]| match foreign_to_chunk(opcode) {
-                        Some(what) => Err(what.to_owned()),
-                        None => take(opcode, data),
-                    };
-                    while let Some(taken) = chunk.next(&mut taken).map_err(of_chunk)? {
-                        taken?;
+                    let mut chunk = Chunk::new(data)?;
+                    while let Some((opcode, data)) = chunk.next()? {
+                        if let Some(what) = foreign_to_chunk(opcode) {
+                            return Err(what.to_owned());
+                        }
+                        take(opcode, data)?;
                     }
                 }
                 Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
-                Some(Err(error)) => return Err(of_chunk(error)),
+                Some(Err(error)) => return Err(error.to_string()),
             }
         }
     };
     catch_panic(read).unwrap_or_else(|| Err("a record that cannot be read".to_owned()))
-}
-
-/// What is wrong with a chunk.
-fn of_chunk(error: McapError) -> String {
-    match error {
-        McapError::BadChunkCrc { .. } => "the chunk does not match its check".to_owned(),
-        McapError::UnsupportedCompression(name) => unread(&name),
-        error => error.to_string(),
-    }
-}
-
-/// A compression that cannot be undone here.
-fn unread(compression: &str) -> String {
-    format!(
-        "its chunks are compressed with {}, which is not read here; `mcap decompress FILE -o NEW.mcap` writes them \
-         without compression",
-        compression.escape_debug()
-    )
 }

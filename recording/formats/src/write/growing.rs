@@ -2,7 +2,7 @@
 
 use super::vacant::has_no_rows;
 use isotherm_support::storage::{GrowingFile, Storage};
-use std::io;
+use std::io::{self, Write};
 use std::path::Path;
 
 /// Collects bytes and adds them to a file, or the standard output, at a flush. A flush that fails leaves the file as it
@@ -49,5 +49,17 @@ impl Appender {
     /// Size including the pending bytes \[bytes\].
     pub(super) fn size(&self) -> u64 {
         self.length + self.pending.len() as u64
+    }
+}
+
+/// Bytes are collected: no write fails before the flush.
+impl Write for Appender {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.pending.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Self::flush(self)
     }
 }

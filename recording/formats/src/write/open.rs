@@ -132,7 +132,7 @@ impl OpenFile {
         let result = match &mut self.writer {
             FormatWriter::Csv(..) => return self.flush(),
             FormatWriter::Mcap(file) => file.finish(),
-            FormatWriter::Ros(file) => file.finish(),
+            FormatWriter::Ros(file) => file.end(),
         };
         result.map_err(|error| self.failed(error))
     }

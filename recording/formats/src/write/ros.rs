@@ -5,8 +5,8 @@
 //! specific force, and `angular_velocity = angle_increment / interval` \[rad/s\]. The stamp is the end of the interval
 //! on the acquisition's clock. A metadata record `isotherm.table` names each table that computed increments.
 
+use super::container::McapContainer;
 use super::growing::Appender;
-use super::mcap::{MemorySink, io_error, options};
 use super::publication::PublicationClock;
 use crate::ros::{IMU, IMU_DEFINITION, ImuMessage, TEMPERATURE, TEMPERATURE_DEFINITION, TemperatureMessage};
 use isotherm_recording::columns::Layout;
@@ -16,8 +16,7 @@ use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::CELSIUS;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, RawSample, StreamSample};
 use isotherm_support::storage::Storage;
-use mcap::records::{MessageHeader, Metadata};
-use mcap::write::NoSeek;
+use mcap::records::MessageHeader;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
@@ -64,7 +63,8 @@ impl RosTable {
 
 /// Writes increments of IMUs as ROS messages into any sink.
 pub struct RosWriter<W: Write> {
-    writer: mcap::Writer<NoSeek<W>>,
+    container: McapContainer,
+    sink: W,
     tables: Vec<RosTable>,
     imus: Vec<RosImu>,
     message: Vec<u8>,
@@ -116,12 +116,12 @@ impl<W: Write> RosWriter<W> {
     pub fn new(sink: W, imus: &[(usize, &ImuId)], tables: &[RosTable]) -> io::Result<Self> {
         refuse_same_topics(imus.iter().map(|(_, id)| *id))
             .map_err(|message| io::Error::new(io::ErrorKind::InvalidInput, message))?;
-        let mut writer = options().profile("ros2").create(NoSeek::new(sink)).map_err(io_error)?;
+        let mut container = McapContainer::new("ros2");
         // As rosbag2 writes it: no quality of service is known.
         let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
         let mut channel = |name: &str, definition: &str, topic: &str| {
-            let schema = writer.add_schema(name, "ros2msg", definition.as_bytes()).map_err(io_error)?;
-            writer.add_channel(schema, topic, "cdr", &metadata).map_err(io_error)
+            let schema = container.add_schema(name, "ros2msg", definition.as_bytes())?;
+            container.add_channel(schema, topic, "cdr", &metadata)
         };
         let imus = imus.iter().map(|&(index, id)| {
             let space = namespace(id);
@@ -141,7 +141,7 @@ impl<W: Write> RosWriter<W> {
             })
         });
         let imus = imus.collect::<io::Result<_>>()?;
-        Ok(Self { writer, tables: tables.to_vec(), imus, message: Vec::new() })
+        Ok(Self { container, sink, tables: tables.to_vec(), imus, message: Vec::new() })
     }
 
     /// Writes a row: an increment as an Imu, the head temperature of a raw sample as a Temperature.
@@ -159,8 +159,7 @@ impl<W: Write> RosWriter<W> {
         let Some(imu) = self.imus.iter_mut().find(|imu| imu.index == row.imu) else { return Ok(()) };
         if imu.table.replace(increment.table) != Some(increment.table) {
             let known = self.tables.iter().find(|table| table.imu == imu.id && table.id == increment.table);
-            let metadata = metadata(&imu.id, increment.table, known);
-            self.writer.write_metadata(&metadata).map_err(io_error)?;
+            self.container.write_metadata(TABLE, &metadata(&imu.id, increment.table, known));
         }
         let seconds = increment.interval_ns as f64 / 1e9;
         let mean = |over: [f64; AXES]| over.map(|value| value / seconds);
@@ -180,7 +179,8 @@ impl<W: Write> RosWriter<W> {
             log_time: row.recorded_ns,
             publish_time: imu.clock.time_ns(row, increment.timestamp_ns),
         };
-        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
+        self.container.write(&header, &self.message);
+        self.pass_on()
     }
 
     /// Writes the mean of the three heads. The stamp is when they were read, where the sample says that.
@@ -200,7 +200,8 @@ impl<W: Write> RosWriter<W> {
         imu.sequence[1] = imu.sequence[1].wrapping_add(1);
         let publish_time = imu.clock.time_ns(row, stamp_ns);
         let header = MessageHeader { channel_id, sequence: imu.sequence[1], log_time: row.recorded_ns, publish_time };
-        self.writer.write_to_known_channel(&header, &self.message).map_err(io_error)
+        self.container.write(&header, &self.message);
+        self.pass_on()
     }
 
     /// Ends the chunk.
@@ -208,7 +209,9 @@ impl<W: Write> RosWriter<W> {
     /// # Errors
     /// Those of the sink.
     pub fn flush(&mut self) -> io::Result<()> {
-        self.writer.flush().map_err(io_error)
+        self.container.end_chunk();
+        self.pass_on()?;
+        self.sink.flush()
     }
 
     /// Writes summary and footer.
@@ -216,7 +219,9 @@ impl<W: Write> RosWriter<W> {
     /// # Errors
     /// Those of the sink.
     pub fn end(&mut self) -> io::Result<()> {
-        self.writer.finish().map(drop).map_err(io_error)
+        self.container.finish();
+        self.pass_on()?;
+        self.sink.flush()
     }
 
     /// Writes summary and footer, and returns the sink.
@@ -225,12 +230,16 @@ impl<W: Write> RosWriter<W> {
     /// Those of the sink.
     pub fn finish(mut self) -> io::Result<W> {
         self.end()?;
-        Ok(self.writer.into_inner().into_inner())
+        Ok(self.sink)
+    }
+
+    fn pass_on(&mut self) -> io::Result<()> {
+        self.sink.write_all(&self.container.take())
     }
 }
 
-/// The record about a table: what is known of it.
-fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
+/// What is known of a table.
+fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> BTreeMap<String, String> {
     let mut texts =
         BTreeMap::from([("imu".to_owned(), imu.to_string()), ("table".to_owned(), format!("{table:016x}"))]);
     if let Some(known) = known {
@@ -239,15 +248,11 @@ fn metadata(imu: &ImuId, table: u64, known: Option<&RosTable>) -> Metadata {
             texts.insert("file".to_owned(), known.file.clone());
         }
     }
-    Metadata { name: TABLE.to_owned(), metadata: texts }
+    texts
 }
 
 /// A file of ROS messages that grows only by complete flushes.
-pub(super) struct RosFile {
-    writer: RosWriter<MemorySink>,
-    memory: MemorySink,
-    file: Appender,
-}
+pub(super) type RosFile = RosWriter<Appender>;
 
 impl RosFile {
     /// Creates a file with the channels of these IMUs.
@@ -260,47 +265,15 @@ impl RosFile {
         imus: &[(usize, &ImuId)],
         tables: &[RosTable],
     ) -> io::Result<Self> {
-        let memory = MemorySink::default();
-        let mut writer = RosWriter::new(memory.clone(), imus, tables)?;
-        writer.flush()?;
-        let file = Appender::create(storage, path, &memory.take())?;
-        Ok(Self { writer, memory, file })
-    }
-
-    /// Adds a row.
-    ///
-    /// # Errors
-    /// As [`RosWriter::write`].
-    pub(super) fn write(&mut self, row: &RecordedRow) -> io::Result<()> {
-        self.writer.write(row)
-    }
-
-    /// Ends the chunk and appends it to the file.
-    ///
-    /// # Errors
-    /// If the file cannot be written. The call can be repeated.
-    pub(super) fn flush(&mut self) -> io::Result<()> {
-        self.writer.flush()?;
-        self.append()
-    }
-
-    /// Writes summary and footer. The call can be repeated after an error.
-    ///
-    /// # Errors
-    /// As [`flush`](Self::flush).
-    pub(super) fn finish(&mut self) -> io::Result<()> {
-        self.writer.end()?;
-        self.append()
-    }
-
-    fn append(&mut self) -> io::Result<()> {
-        self.file.pending.append(&mut self.memory.take());
-        self.file.flush()
+        let mut begun = RosWriter::new(Vec::new(), imus, tables)?;
+        begun.flush()?;
+        let sink = Appender::create(storage, path, &begun.sink)?;
+        Ok(Self { container: begun.container, sink, tables: begun.tables, imus: begun.imus, message: Vec::new() })
     }
 
     /// Size without the open chunk \[bytes\].
     pub(super) fn size(&self) -> u64 {
-        self.file.size() + self.memory.len() as u64
+        self.sink.size()
     }
 }
 

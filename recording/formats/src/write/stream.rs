@@ -1,6 +1,6 @@
 //! Rows of one stream that become one file from beginning to end, in any format.
 
-use super::mcap::McapStream;
+use super::mcap::McapWriter;
 use isotherm_recording::rows::RecordedRow;
 use isotherm_recording::{IncrementCsvWriter, Layout, RawCsvWriter};
 use isotherm_shared::names::{ImuId, StreamKind};
@@ -13,7 +13,7 @@ pub struct RowWriter<W: Write>(FormatStream<W>);
 enum FormatStream<W: Write> {
     Raw(Box<RawCsvWriter<W>>),
     Increments(Box<IncrementCsvWriter<W>>),
-    Mcap(Box<McapStream<W>>),
+    Mcap(Box<McapWriter<W>>, Layout),
 }
 
 /// Text of raw samples.
@@ -34,9 +34,10 @@ impl<W: Write> RowWriter<W> {
     /// Begins a file of MCAP.
     ///
     /// # Errors
-    /// Those of the sink and of the library.
+    /// Those of the sink.
     pub fn mcap(sink: W, imu: &ImuId, stream: StreamKind, layout: Layout) -> io::Result<Self> {
-        Ok(Self(FormatStream::Mcap(Box::new(McapStream::new(sink, imu, stream, layout)?))))
+        let writer = McapWriter::new(sink, std::slice::from_ref(imu), &[(0, stream)], &[layout])?;
+        Ok(Self(FormatStream::Mcap(Box::new(writer), layout)))
     }
 
     /// Adds a sample. One of another stream is left out. Nobody has recorded it: its time of recording is that of the
@@ -51,7 +52,7 @@ impl<W: Write> RowWriter<W> {
             (FormatStream::Raw(writer), StreamSample::Raw(raw)) => writer.write("", raw),
             (FormatStream::Increments(writer), StreamSample::Increment(increment)) => writer.write(increment),
             (FormatStream::Raw(_) | FormatStream::Increments(_), _) => Ok(()),
-            (FormatStream::Mcap(writer), _) => writer.write(&row),
+            (FormatStream::Mcap(writer, layout), _) => writer.write(&row, *layout),
         }
     }
 
@@ -63,7 +64,10 @@ impl<W: Write> RowWriter<W> {
         match self.0 {
             FormatStream::Raw(writer) => writer.finish(),
             FormatStream::Increments(writer) => writer.finish(),
-            FormatStream::Mcap(writer) => writer.finish(),
+            FormatStream::Mcap(mut writer, _) => {
+                writer.finish()?;
+                Ok(writer.into_sink())
+            }
         }
     }
 }

@@ -10,7 +10,9 @@ use isotherm_shared::names::StreamKind;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
 use isotherm_support::failure::{Exit, Failure};
+use mcap::read::LinearReader;
 use mcap::records::{MessageHeader, Record};
+use ruzstd::decoding::FrameDecoder;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
@@ -306,20 +308,37 @@ type Messages = BTreeMap<String, Vec<Vec<u8>>>;
 
 /// The messages of a file, and the metadata about tables.
 fn content(bytes: &[u8]) -> (Messages, Vec<BTreeMap<String, String>>) {
-    let mut messages: Messages = BTreeMap::new();
-    for message in mcap::MessageStream::new(bytes).unwrap() {
-        let message = message.unwrap();
-        messages.entry(message.channel.topic.clone()).or_default().push(message.data.to_vec());
-    }
-    let records = mcap::read::LinearReader::new(bytes).unwrap().map(Result::unwrap);
-    let metadata = records.filter_map(|record| match record {
-        Record::Metadata(metadata) => {
-            assert_eq!(metadata.name, "isotherm.table");
-            Some(metadata.metadata)
+    let (mut messages, mut metadata, mut topics) = (Messages::new(), Vec::new(), BTreeMap::new());
+    for record in records(bytes) {
+        match record {
+            Record::Channel(channel) => drop(topics.insert(channel.id, channel.topic)),
+            Record::Message { header, data } => {
+                messages.entry(topics[&header.channel_id].clone()).or_default().push(data.into_owned());
+            }
+            Record::Metadata(record) => {
+                assert_eq!(record.name, "isotherm.table");
+                metadata.push(record.metadata);
+            }
+            _ => {}
         }
-        _ => None,
-    });
-    (messages, metadata.collect())
+    }
+    (messages, metadata)
+}
+
+/// The records of the data of a file that was written here, those in chunks with the others.
+fn records(bytes: &[u8]) -> Vec<Record<'static>> {
+    let of_record = |record: Record<'_>| match record {
+        Record::Chunk { header, data } => {
+            assert_eq!(header.compression, "zstd");
+            let mut records = vec![0; header.uncompressed_size as usize];
+            assert_eq!(FrameDecoder::new().decode_all(&data, &mut records).unwrap(), records.len());
+            let records = LinearReader::sans_magic(&records).map(|record| record.unwrap().into_owned());
+            records.collect::<Vec<_>>()
+        }
+        record => vec![record.into_owned()],
+    };
+    let in_data = |record: &Record<'_>| !matches!(record, Record::DataEnd(_));
+    LinearReader::new(bytes).unwrap().map(Result::unwrap).take_while(in_data).flat_map(of_record).collect()
 }
 
 #[test]

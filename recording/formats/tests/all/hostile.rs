@@ -13,6 +13,7 @@ use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{RawSample, StreamSample};
 use mcap::records::{MessageHeader, op};
 use rustix::time::{ClockId, clock_gettime};
+use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
@@ -237,7 +238,7 @@ fn chunk(packed: &[u8], unpacked: u64) -> Vec<u8> {
 /// Zeros as a frame of Zstandard, four bytes for 128 KiB (RFC 8878, blocks of the type RLE).
 fn zeros(count: u32) -> Vec<u8> {
     const BLOCK: u32 = 1 << 17;
-    let mut bytes = [&[0x28, 0xb5, 0x2f, 0xfd, 0x80][..], &[0x70], &count.to_le_bytes()].concat();
+    let mut bytes = [&[0x28, 0xb5, 0x2f, 0xfd, 0x80][..], &[0x68], &count.to_le_bytes()].concat();
     for block in 0..count / BLOCK {
         let is_last = u32::from((block + 1) * BLOCK == count);
         bytes.extend(&(is_last | 1 << 1 | BLOCK << 3).to_le_bytes()[..3]);
@@ -246,19 +247,11 @@ fn zeros(count: u32) -> Vec<u8> {
     bytes
 }
 
-/// A chunk of so many short messages as the library writes it, without their index.
+/// A chunk of many short messages.
 fn chunk_of_messages() -> Vec<u8> {
-    let options = mcap::WriteOptions::new().emit_message_indexes(false).chunk_size(None).library("x").profile("");
-    let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
-    let id = writer.add_channel(0, "x", "x", &BTreeMap::new()).unwrap();
-    let header = MessageHeader { channel_id: id, sequence: 0, log_time: 0, publish_time: 0 };
-    (0..1 << 19).for_each(|_| writer.write_to_known_channel(&header, &[]).unwrap());
-    writer.finish().unwrap();
-    let bytes = writer.into_inner().into_inner();
-    let begin = mcap::MAGIC.len() + 9 + u64::from_le_bytes(bytes[9..17].try_into().unwrap()) as usize;
-    assert_eq!(bytes[begin], op::CHUNK);
-    let length = u64::from_le_bytes(bytes[begin + 1..begin + 9].try_into().unwrap()) as usize;
-    bytes[begin..begin + 9 + length].to_vec()
+    let records = [channel(1, 0, "x", "x"), message(1).repeat(1 << 19)].concat();
+    let packed = compress_to_vec(&records[..], CompressionLevel::Fastest);
+    chunk(&packed, records.len() as u64)
 }
 
 /// Reads a file in every way. None of them matters but the work that it takes.

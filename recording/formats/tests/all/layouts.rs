@@ -11,9 +11,9 @@ use isotherm_shared::lag::Lag;
 use isotherm_shared::names::{ImuId, StreamKind};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::wire::{CompensatedIncrement, RawSample, StreamSample, Triad};
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
@@ -113,17 +113,15 @@ fn columns(path: &Path, topic: &str) -> Vec<Vec<String>> {
             vec![text.lines().next().unwrap().split(',').map(str::to_owned).collect()]
         }
         _ => {
-            let bytes = fs::read(path).unwrap();
-            let mut channels = BTreeMap::new();
-            for message in mcap::MessageStream::new(&bytes).unwrap() {
-                let channel = message.unwrap().channel;
-                if channel.topic == topic {
-                    channels.insert(channel.id, channel);
-                }
-            }
+            let summary = mcap::Summary::read(&fs::read(path).unwrap()).unwrap().unwrap();
+            let counts = summary.stats.unwrap().channel_message_counts;
+            let has_messages =
+                |channel: &&Arc<mcap::Channel<'_>>| channel.topic == topic && counts.contains_key(&channel.id);
+            let mut channels: Vec<_> = summary.channels.values().filter(has_messages).collect();
+            channels.sort_by_key(|channel| channel.id);
             let units =
                 |channel: &mcap::Channel<'_>| channel.metadata.keys().filter(|key| *key != "imu").cloned().collect();
-            channels.values().map(|channel| units(channel)).collect()
+            channels.into_iter().map(|channel| units(channel)).collect()
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Recordings and foreign data, as other programs write them.
 #![allow(clippy::panic, clippy::print_stdout, clippy::unwrap_used, reason = "in a test the panic is the report")]
 
+mod chunks;
 mod continuity;
 mod convert;
 mod convert_clocks;
