@@ -6,8 +6,10 @@ use isotherm_support::finding::{Finding, Severity, name};
 const ONE_OF: u64 = 20;
 
 /// What is damaged in a recording. Rows behind a damaged place keep their own times.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct DamagedPlaces {
+    /// What the recording has: rows or messages.
+    of: &'static str,
     count: u64,
     first: Option<DamagedPlace>,
 }
@@ -46,7 +48,25 @@ impl RowsBefore {
     }
 }
 
+impl Default for DamagedPlaces {
+    fn default() -> Self {
+        Self::of("row")
+    }
+}
+
 impl DamagedPlaces {
+    /// Of a recording that has such rows, as messages name them.
+    #[must_use]
+    pub const fn of(of: &'static str) -> Self {
+        Self { of, count: 0, first: None }
+    }
+
+    /// Whether nothing is damaged.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
     /// Counts a place: `place` names its line or byte, and `cause` says what is wrong there.
     pub fn take(&mut self, place: String, before: RowsBefore, cause: String) {
         self.count += 1;
@@ -61,8 +81,8 @@ impl DamagedPlaces {
         let places = if self.count == 1 { "1 damaged place is" } else { &format!("{} damaged places are", self.count) };
         let seconds = before.last_ns.saturating_sub(before.first_ns) as f64 * 1e-9;
         let behind = match before.count {
-            0 => "before the first whole row".to_owned(),
-            count => format!("behind row {count}, {seconds:.4} s after the first"),
+            0 => format!("before the first whole {}", self.of),
+            count => format!("behind {} {count}, {seconds:.4} s after the first", self.of),
         };
         let message = format!("{places} left out; the first is {place}, {behind}: {cause}");
         let is_few = self.count <= (whole.count + self.count) / ONE_OF;

@@ -25,6 +25,3 @@ pub mod read;
 pub mod ros;
 mod varint;
 pub mod write;
-
-/// Whether Parquet with zstd can be read and written. Its library is C code, which WebAssembly has not.
-const HAS_ZSTD: bool = cfg!(not(target_family = "wasm"));

@@ -7,6 +7,7 @@ pub(crate) mod chunk;
 mod contents;
 mod converted;
 mod fields;
+mod frames;
 mod increments;
 mod input;
 mod mcap;

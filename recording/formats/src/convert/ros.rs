@@ -363,7 +363,8 @@ impl ForeignRows for RosSource {
         let none = if topic.is_none() { placeholder(self.temperature) } else { None };
         let late = || format!("{before} rows before the first temperature have that one");
         let late = (*before > 0).then(|| Finding::warning(name::NO_TEMPERATURE, late()));
-        truncation.into_iter().chain(none).chain(joined.finding.clone()).chain(late).collect()
+        let damage = self.messages.records.damage();
+        damage.into_iter().chain(truncation).chain(none).chain(joined.finding.clone()).chain(late).collect()
     }
 }
 

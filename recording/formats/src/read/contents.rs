@@ -33,7 +33,7 @@ impl RecordingContents {
     pub fn of(source: &DataSource) -> Result<Self, Failure> {
         match open_source(source, &Progress::default(), None)? {
             SourceContent::Mcap(bytes) => {
-                let records = Records::without(bytes, ChannelFilter::default());
+                let records = Records::without(bytes, ChannelFilter::of(source, |_, _| true));
                 of_mcap(records).map_err(|error| error.failure(source.name()))
             }
             SourceContent::Csv(_) => of_text(source),
@@ -78,5 +78,5 @@ fn of_mcap(mut records: Records) -> Result<RecordingContents, RecordingError> {
         }
     }
     let truncation = records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
-    Ok(RecordingContents { format: "MCAP", rows, findings: truncation.into_iter().collect() })
+    Ok(RecordingContents { format: "MCAP", rows, findings: records.damage().into_iter().chain(truncation).collect() })
 }

@@ -9,6 +9,7 @@ use crate::protobuf;
 use isotherm_recording::RecordingError;
 use isotherm_recording::steps;
 use isotherm_shared::names::ImuId;
+use isotherm_support::finding::Finding;
 use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{BTreeMap, HashMap};
@@ -191,6 +192,9 @@ impl McapReader {
     }
 
     fn nothing_to_read(&self) -> String {
+        if let Some(damage) = self.records.damage() {
+            return damage.message;
+        }
         let why = self.unreadable.as_ref().map(|why| format!("; {why}")).unwrap_or_default();
         match (&self.choice, self.raw) {
             (ImuChoice::Only(wanted) | ImuChoice::Prefer(wanted), true) if !self.streams.is_empty() => {
@@ -243,6 +247,10 @@ impl TableReader for McapReader {
     fn error(&self, message: String) -> RecordingError {
         let place = format!("byte {}, message {}", self.records.bytes(), self.row());
         RecordingError::Place { place, message }
+    }
+
+    fn damage(&self) -> Option<Finding> {
+        self.records.damage()
     }
 
     fn truncation(&self) -> Option<String> {

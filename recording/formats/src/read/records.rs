@@ -1,60 +1,56 @@
 //! The schemas, channels and messages of an MCAP file, from beginning to end.
 //!
-//! A chunk whose index says that all of its messages are of unwanted channels is not unpacked.
-//! A chunk has a CRC. What is outside of chunks has one at the end of a file that was ended. Where it was not, a record
-//! of another kind than it was written as must not be taken for rows, nor hide any.
+//! A chunk whose index says that all of its messages are of unwanted channels is not unpacked. A chunk has a CRC, and
+//! one that does not match it is left out and counted. What is outside of chunks has a CRC at the end of a file that was
+//! ended. Where it was not, a record of another kind than it was written as must not be taken for rows, nor hide any.
 
-use super::chunk::{Chunk, ChunkBuffer, MAX_RECORD};
+use super::chunk::{Chunk, ChunkBuffer};
+use super::frames::{Frame, Frames, unpacked};
 use super::panics::catch_panic;
 use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
 use super::skip::{ChannelFilter, ChunkIndex};
-use isotherm_recording::RecordingError;
-use isotherm_recording::columns::MCAP_MAGIC;
+use super::summary::HEAD;
 use isotherm_recording::steps;
-use mcap::records::{Header, Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, parse_record};
+use isotherm_recording::{DamagedPlaces, RecordingError, RowsBefore};
+use isotherm_support::finding::Finding;
+use mcap::parse_record;
+use mcap::records::{Record, op};
+use std::collections::VecDeque;
 use std::io::{self, Read};
 
-/// What is said of a file that no writer writes.
-const DAMAGED: &str = "the file is damaged";
 /// Time and place of a message in an index \[bytes\].
-const INDEX_ENTRY: u64 = 16;
-/// Most bytes that are read at once.
-const BUFFER: usize = 1 << 20;
+const INDEX_ENTRY: usize = 16;
 
-/// Reads the records of an MCAP file. An unfinished file is read up to its last complete record.
+/// Reads the records of an MCAP file. An unfinished file is read up to its last complete record, and what is damaged is
+/// left out.
 pub(crate) struct Records {
-    source: Box<dyn Read>,
-    reader: LinearReader,
-    /// The chunk that is read.
-    chunk: Option<Chunk>,
-    /// The channels whose messages are not wanted, and the chunk whose index is being read.
+    frames: Frames,
+    /// The chunk that is read, and its place in the file.
+    chunk: Option<(Chunk, u64)>,
+    /// The channels whose messages are not wanted, and the chunk whose index is being read, with its place.
     unwanted: ChannelFilter,
-    indexed: Option<ChunkIndex>,
-    /// What came behind that index.
-    after_index: Option<Option<McapEvent>>,
+    indexed: Option<(ChunkIndex, u64)>,
+    /// The schemas and channels of the summary, which are given once something is damaged.
+    described: VecDeque<Record<'static>>,
     /// Messages that have been passed over.
     skipped: u64,
     unpacked: ChunkBuffer,
-    bytes: u64,
-    /// Whether the footer was read.
-    finished: bool,
+    before: RowsBefore,
+    damaged: DamagedPlaces,
     /// Whether the file ends within a record.
     truncated: bool,
     /// Whether the end of the data was read: what follows repeats them, and is not used.
     data_ended: bool,
-    /// Whether the recorder wrote the file.
+    /// The library that wrote the file, and whether it is the recorder.
+    library: String,
     is_own: bool,
-    /// The last bytes that were read.
-    tail: [u8; MCAP_MAGIC.len()],
 }
 
 /// Why there is no next record.
 pub(crate) enum RecordsError {
     /// The source cannot be read.
     Io(io::Error),
-    /// The file is not valid.
+    /// The file must not be read.
     Invalid(String),
 }
 
@@ -68,93 +64,235 @@ impl RecordsError {
     }
 }
 
-/// An event of the library's reader.
-enum McapEvent {
-    Read(usize),
-    Record(Record<'static>),
-    Header(Header),
-    /// The content of a chunk.
-    Chunk(Vec<u8>),
-    /// The index of messages of a channel in the chunk before, and their number.
-    Index(u16, u64),
-    DataEnd,
-    Footer,
-    /// A record that cannot be there, and why.
-    Impossible(&'static str),
-    Other,
-}
-
 impl Records {
+    /// Reads all of `source`.
+    pub(crate) fn new(source: Box<dyn Read>) -> Self {
+        Self::without(source, ChannelFilter::default())
+    }
+
     /// Reads from `source` what is not only of unwanted channels.
     pub(crate) fn without(source: Box<dyn Read>, unwanted: ChannelFilter) -> Self {
-        let options = options().with_validate_data_section_crc(true);
         Self {
-            source,
-            reader: LinearReader::new_with_options(options),
+            frames: Frames::new(source),
             chunk: None,
             unwanted,
             indexed: None,
-            after_index: None,
+            described: VecDeque::new(),
             skipped: 0,
             unpacked: ChunkBuffer::default(),
-            bytes: 0,
-            finished: false,
+            before: RowsBefore::default(),
+            damaged: DamagedPlaces::of("message"),
             truncated: false,
             data_ended: false,
+            library: String::new(),
             is_own: false,
-            tail: Default::default(),
         }
     }
 
     /// The next schema, channel or message; `None` at the end.
     pub(crate) fn next(&mut self) -> Result<Option<Record<'static>>, RecordsError> {
         loop {
-            if let Some(event) = self.of_chunk()? {
-                if let McapEvent::Record(record) = event {
-                    return Ok(Some(record));
-                }
+            if let Some(record) = self.described.pop_front() {
+                return Ok(Some(record));
+            }
+            if let Some(record) = self.of_chunk() {
+                return Ok(Some(record));
+            }
+            if self.chunk.is_some() {
                 continue;
             }
-            let event = self.event()?;
-            match event {
-                Some(McapEvent::Read(need)) => self.read(need).map_err(RecordsError::Io)?,
-                Some(McapEvent::Header(header)) => self.is_own = is_own(&header),
-                Some(McapEvent::DataEnd) => self.data_ended = true,
-                Some(McapEvent::Footer) => self.finished = true,
-                Some(McapEvent::Other | McapEvent::Impossible(_)) => {}
-                Some(McapEvent::Chunk(content)) => self.take_chunk(content)?,
-                Some(McapEvent::Index(channel, messages)) => {
-                    self.indexed.iter_mut().for_each(|indexed| indexed.add(channel, messages));
+            let frame = self.frames.next().map_err(RecordsError::Io)?;
+            if !matches!(frame, Frame::Record(op::MESSAGE_INDEX, _))
+                && let Some((chunk, place)) = self.indexed.take()
+            {
+                self.judge_index(&chunk, place)?;
+                continue;
+            }
+            match frame {
+                Frame::Record(opcode, content) => {
+                    steps::count(1);
+                    if let Some(record) = self.take(opcode, content)? {
+                        return Ok(Some(record));
+                    }
                 }
-                Some(McapEvent::Record(record)) => return Ok(Some(record)),
-                None if self.truncated && self.tail == *MCAP_MAGIC => {
-                    return Err(RecordsError::Invalid(format!("a record that is longer than the file; {DAMAGED}")));
+                Frame::Damaged(cause) => self.leave_out(self.frames.place(), cause.to_owned())?,
+                Frame::Cut if self.data_ended => self.truncated = true,
+                Frame::Cut => {
+                    let place = self.frames.place();
+                    self.truncated = !self.frames.resume().map_err(RecordsError::Io)?;
+                    if !self.truncated {
+                        self.count(place, "a record that is longer than there can be".to_owned());
+                    }
                 }
-                None => return Ok(None),
+                Frame::End => return Ok(None),
+            }
+            if self.truncated {
+                return Ok(None);
             }
         }
     }
 
-    fn read(&mut self, need: usize) -> io::Result<()> {
-        let buffer = self.reader.insert(need.clamp(1, BUFFER));
-        let read = self.source.read(buffer)?;
-        let last = read.min(self.tail.len());
-        self.tail.rotate_left(last);
-        let place = self.tail.len() - last;
-        self.tail[place..].copy_from_slice(&buffer[read - last..read]);
-        self.bytes += read as u64;
-        self.reader.notify_read(read);
+    /// Takes a record outside of chunks.
+    fn take(&mut self, opcode: u8, content: std::ops::Range<usize>) -> Result<Option<Record<'static>>, RecordsError> {
+        let (place, length) = (self.frames.place(), HEAD + content.len());
+        let bytes = self.frames.bytes(content);
+        let wrong = impossible(opcode, bytes, self.data_ended);
+        if let Some(cause) = wrong.or_else(|| foreign(opcode, bytes).filter(|_| self.is_own)) {
+            self.leave_out(place, cause.to_owned())?;
+            return Ok(None);
+        }
+        let mut record = None;
+        match opcode {
+            op::CHUNK => {
+                let content = bytes.to_vec();
+                if self.unwanted.is_empty() || self.is_own {
+                    return self.open(&content, place).map(|()| None);
+                }
+                self.indexed = Some((ChunkIndex::new(content), place));
+            }
+            op::MESSAGE_INDEX => {
+                // A channel, the bytes of times and places, and these.
+                let channel = bytes.first_chunk().map_or(0, |channel| u16::from_le_bytes(*channel));
+                let messages = (bytes.len() / INDEX_ENTRY) as u64;
+                self.indexed.iter_mut().for_each(|(chunk, _)| chunk.add(channel, messages));
+            }
+            op::DATA_END => {
+                self.data_ended = true;
+                let saved = bytes.first_chunk().map_or(0, |saved| u32::from_le_bytes(*saved));
+                if saved != 0 && self.damaged.is_empty() && saved != self.frames.crc() {
+                    self.count(place, "outside of its chunks the file does not match its check".to_owned());
+                }
+            }
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE => match parsed(opcode, bytes) {
+                Some(parsed) => record = self.given(parsed),
+                None => {
+                    self.leave_out(place, "a record that cannot be read".to_owned())?;
+                    return Ok(None);
+                }
+            },
+            _ => {}
+        }
+        self.frames.pass(length);
+        Ok(record)
+    }
+
+    /// A record that is given to the caller.
+    fn given(&mut self, record: Record<'static>) -> Option<Record<'static>> {
+        match record {
+            Record::Header(header) => {
+                self.is_own = is_own(&header);
+                self.library = header.library;
+                None
+            }
+            Record::Message { ref header, .. } => {
+                self.before.take(header.log_time);
+                Some(record)
+            }
+            record => Some(record),
+        }
+    }
+
+    /// The next record of the chunk that is read; `None` behind it. A chunk with what no chunk has is left out from there.
+    fn of_chunk(&mut self) -> Option<Record<'static>> {
+        let (chunk, place) = self.chunk.as_mut()?;
+        let (place, is_own) = (*place, self.is_own);
+        let judged = match chunk.next() {
+            Ok(None) => Ok(None),
+            Ok(Some((opcode, data))) => {
+                let wrong = foreign_to_chunk(opcode).or_else(|| impossible(opcode, data, false));
+                let wrong = wrong.or_else(|| foreign(opcode, data).filter(|_| is_own)).map(str::to_owned);
+                wrong.map_or_else(
+                    || parsed(opcode, data).ok_or("a record that cannot be read".to_owned()).map(Some),
+                    Err,
+                )
+            }
+            Err(cause) => Err(cause),
+        };
+        match judged {
+            Ok(Some(record)) => self.given(record),
+            Ok(None) => {
+                self.chunk = None;
+                None
+            }
+            Err(cause) => {
+                self.chunk = None;
+                self.count(place, cause);
+                None
+            }
+        }
+    }
+
+    /// Begins to read the chunk at the next record.
+    fn open(&mut self, content: &[u8], place: u64) -> Result<(), RecordsError> {
+        match self.begin(content)? {
+            Ok(chunk) => {
+                self.frames.pass(HEAD + content.len());
+                self.frames.keep();
+                self.chunk = Some((chunk, place));
+                Ok(())
+            }
+            Err(cause) => self.leave_out(place, cause),
+        }
+    }
+
+    /// Unpacks a chunk: the inner error says what is damaged.
+    fn begin(&mut self, content: &[u8]) -> Result<Result<Chunk, String>, RecordsError> {
+        self.unpacked.add(content, self.frames.read()).map_err(RecordsError::Invalid)?;
+        Ok(unpacked(content))
+    }
+
+    /// Decides about a chunk whose index has ended. What stands behind it was read already.
+    fn judge_index(&mut self, chunk: &ChunkIndex, place: u64) -> Result<(), RecordsError> {
+        if let Some(messages) = chunk.all_unwanted(&self.unwanted) {
+            self.skipped += messages;
+            return Ok(());
+        }
+        match self.begin(chunk.chunk())? {
+            Ok(chunk) => self.chunk = Some((chunk, place)),
+            Err(cause) => self.count(place, cause),
+        }
         Ok(())
+    }
+
+    /// Leaves out what is damaged at a place, and goes on at the next whole chunk.
+    fn leave_out(&mut self, place: u64, cause: String) -> Result<(), RecordsError> {
+        self.count(place, cause);
+        // The summary repeats what was read.
+        if self.data_ended || !self.frames.resume().map_err(RecordsError::Io)? {
+            self.data_ended = true;
+            self.truncated = !self.frames.skip_to_end().map_err(RecordsError::Io)?;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, place: u64, cause: String) {
+        self.damaged.take(format!("byte {place}"), self.before, cause);
+        self.described.extend(self.unwanted.take_described());
     }
 
     /// Number of bytes read.
     pub(crate) const fn bytes(&self) -> u64 {
-        self.bytes
+        self.frames.read()
+    }
+
+    /// The name of the library that wrote the file. Valid after the first record.
+    pub(crate) fn library(&self) -> &str {
+        &self.library
+    }
+
+    /// What is damaged and left out. Valid after the last record.
+    pub(crate) fn damage(&self) -> Option<Finding> {
+        self.damaged.finding(self.before)
+    }
+
+    /// Whether the file ends within a record. Valid after the last record.
+    pub(crate) const fn is_cut(&self) -> bool {
+        self.truncated
     }
 
     /// A warning if the end of the file is missing. Valid after the last record.
     pub(crate) fn truncation(&self) -> Option<String> {
-        let what = match (self.truncated, self.finished) {
+        let what = match (self.truncated, self.frames.is_ended()) {
             (true, _) => "its last record is cut and left out",
             (false, false) => "it has no end record",
             _ => return None,
@@ -166,172 +304,9 @@ impl Records {
     pub(crate) const fn skipped(&self) -> u64 {
         self.skipped
     }
-
-    /// The next event of the chunk that is read; `None` behind it.
-    fn of_chunk(&mut self) -> Result<Option<McapEvent>, RecordsError> {
-        let Some(chunk) = &mut self.chunk else { return Ok(None) };
-        let Some((opcode, data)) = chunk.next().map_err(damaged)? else {
-            self.chunk = None;
-            return Ok(None);
-        };
-        let (data_ended, is_own) = (self.data_ended, self.is_own);
-        checked(catch_panic(|| {
-            Some(match foreign_to_chunk(opcode) {
-                Some(what) => Ok(McapEvent::Impossible(what)),
-                None => judged(opcode, data, data_ended, is_own),
-            })
-        }))
-    }
-
-    /// Takes a chunk: one that may have to be read waits for its index.
-    fn take_chunk(&mut self, content: Vec<u8>) -> Result<(), RecordsError> {
-        if self.unwanted.is_empty() || self.is_own {
-            return self.open(&content);
-        }
-        self.indexed = Some(ChunkIndex::new(content));
-        Ok(())
-    }
-
-    /// Begins to read a chunk.
-    fn open(&mut self, content: &[u8]) -> Result<(), RecordsError> {
-        let counted = self.unpacked.add(content, self.bytes);
-        counted.map_err(|message| RecordsError::Invalid(format!("{message}; or {DAMAGED}")))?;
-        self.chunk = Some(unpacked(content).map_err(damaged)?);
-        Ok(())
-    }
-
-    /// The library's next event outside of chunks; `None` at the end.
-    fn event(&mut self) -> Result<Option<McapEvent>, RecordsError> {
-        if let Some(event) = self.after_index.take() {
-            return Ok(event);
-        }
-        steps::count(1);
-        let (data_ended, is_own) = (self.data_ended, self.is_own);
-        let event = catch_panic(|| {
-            Some(match self.reader.next_event()? {
-                Ok(LinearReadEvent::ReadRequest(need)) => Ok(McapEvent::Read(need)),
-                Ok(LinearReadEvent::Record { opcode, data }) => judged(opcode, data, data_ended, is_own),
-                Err(error) => Err(error),
-            })
-        });
-        // The file ends within a record.
-        if let Some(Some(Err(McapError::UnexpectedEof))) = event {
-            self.truncated = true;
-            return self.ended(None);
-        }
-        let event = checked(event)?;
-        match event {
-            Some(McapEvent::Read(_) | McapEvent::Index(..)) => Ok(event),
-            event => self.ended(event),
-        }
-    }
-
-    /// Decides about the chunk whose index has ended, before `event`.
-    fn ended(&mut self, event: Option<McapEvent>) -> Result<Option<McapEvent>, RecordsError> {
-        let Some(indexed) = self.indexed.take() else { return Ok(event) };
-        if let Some(messages) = indexed.all_unwanted(&self.unwanted) {
-            self.skipped += messages;
-            return Ok(event);
-        }
-        self.after_index = Some(event);
-        self.open(indexed.chunk())?;
-        Ok(Some(McapEvent::Other))
-    }
 }
 
-/// How a file, or a part of one, is read.
-fn options() -> LinearReaderOptions {
-    LinearReaderOptions::default().with_skip_end_magic(true).with_emit_chunks(true).with_record_length_limit(MAX_RECORD)
-}
-
-/// What a record is.
-fn judged(opcode: u8, data: &[u8], data_ended: bool, is_own: bool) -> Result<McapEvent, McapError> {
-    match impossible(opcode, data, data_ended).or_else(|| foreign(opcode, data).filter(|_| is_own)) {
-        Some(what) => Ok(McapEvent::Impossible(what)),
-        None => event_of(opcode, data),
-    }
-}
-
-/// The event of a reader: `None` if the library has panicked.
-fn checked(event: Option<Option<Result<McapEvent, McapError>>>) -> Result<Option<McapEvent>, RecordsError> {
-    let message = match event {
-        None => "a record that cannot be read".to_owned(),
-        Some(None) => return Ok(None),
-        Some(Some(Ok(McapEvent::Impossible(what)))) => what.to_owned(),
-        Some(Some(Ok(event))) => return Ok(Some(event)),
-        Some(Some(Err(McapError::BadDataCrc { .. }))) => {
-            format!("outside of its chunks the file does not match its check; {DAMAGED}")
-        }
-        Some(Some(Err(error))) => format!("not a valid MCAP file: {error}; {DAMAGED}"),
-    };
-    Err(RecordsError::Invalid(message))
-}
-
-/// The records of a chunk. The libraries that unpack them may panic at some damage.
-fn unpacked(content: &[u8]) -> Result<Chunk, String> {
-    catch_panic(|| Chunk::new(content)).unwrap_or_else(|| Err("a chunk that cannot be unpacked".to_owned()))
-}
-
-/// An error of damage in a chunk.
-fn damaged(message: String) -> RecordsError {
-    RecordsError::Invalid(format!("{message}; {DAMAGED}"))
-}
-
-fn event_of(opcode: u8, data: &[u8]) -> Result<McapEvent, McapError> {
-    Ok(match opcode {
-        op::DATA_END => McapEvent::DataEnd,
-        op::FOOTER => McapEvent::Footer,
-        op::CHUNK => McapEvent::Chunk(data.to_vec()),
-        op::MESSAGE_INDEX => {
-            // A channel, the bytes of times and places, and these.
-            let channel = data.first_chunk().map_or(0, |channel| u16::from_le_bytes(*channel));
-            McapEvent::Index(channel, data.len() as u64 / INDEX_ENTRY)
-        }
-        op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE => match parse_record(opcode, data)?.into_owned() {
-            Record::Header(header) => McapEvent::Header(header),
-            record => McapEvent::Record(record),
-        },
-        _ => McapEvent::Other,
-    })
-}
-
-/// Passes each record of a part of an MCAP file, which is in memory, to `take`: its kind, and its content. The records
-/// of a chunk come if it matches its check. With `begins`, the part is the begin of a file. `unpacked`: what the chunks
-/// of the file, which has `length` bytes, have unpacked to.
-///
-/// # Errors
-/// Those of `take`, or what is wrong with the part.
-pub(crate) fn each_record(
-    mut part: &[u8],
-    begins: bool,
-    (unpacked, length): (&mut ChunkBuffer, u64),
-    mut take: impl FnMut(u8, &[u8]) -> Result<(), String>,
-) -> Result<(), String> {
-    let mut reader = LinearReader::new_with_options(options().with_skip_start_magic(!begins));
-    let read = || {
-        loop {
-            match reader.next_event() {
-                None => return Ok(()),
-                Some(Ok(LinearReadEvent::ReadRequest(need))) => {
-                    let (now, rest) = part.split_at(need.min(part.len()));
-                    reader.insert(now.len().max(1))[..now.len()].copy_from_slice(now);
-                    reader.notify_read(now.len());
-                    part = rest;
-                }
-                Some(Ok(LinearReadEvent::Record { opcode: op::CHUNK, data })) => {
-                    unpacked.add(data, length)?;
-                    let mut chunk = Chunk::new(data)?;
-                    while let Some((opcode, data)) = chunk.next()? {
-                        if let Some(what) = foreign_to_chunk(opcode) {
-                            return Err(what.to_owned());
-                        }
-                        take(opcode, data)?;
-                    }
-                }
-                Some(Ok(LinearReadEvent::Record { opcode, data })) => take(opcode, data)?,
-                Some(Err(error)) => return Err(error.to_string()),
-            }
-        }
-    };
-    catch_panic(read).unwrap_or_else(|| Err("a record that cannot be read".to_owned()))
+/// A record; `None` if it is damaged. The library panics at some damage.
+fn parsed(opcode: u8, content: &[u8]) -> Option<Record<'static>> {
+    catch_panic(|| parse_record(opcode, content).ok().map(Record::into_owned)).flatten()
 }

@@ -9,9 +9,12 @@ use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
 use std::collections::{HashMap, HashSet};
 
-/// Channels that are not wanted.
+/// Channels that are not wanted, and the schemas and channels that the summary of the file has.
 #[derive(Default)]
-pub(crate) struct ChannelFilter(HashSet<u16>);
+pub(crate) struct ChannelFilter {
+    unwanted: HashSet<u16>,
+    described: Vec<Record<'static>>,
+}
 
 /// A chunk, and what its index says so far.
 pub(super) struct ChunkIndex {
@@ -30,10 +33,11 @@ impl ChannelFilter {
     fn summed_up(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
         let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten()?;
         let (mut schemas, mut channels, mut count) = (HashMap::new(), HashMap::new(), None);
-        for record in summary(&file).ok()?.0 {
+        let described = summary(&file).ok()?.0;
+        for record in &described {
             match record {
-                Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name)),
-                Record::Channel(channel) => drop(channels.insert(channel.id, channel)),
+                Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name.clone())),
+                Record::Channel(channel) => drop(channels.insert(channel.id, channel.clone())),
                 Record::Statistics(statistics) => count = Some(statistics.channel_count),
                 _ => {}
             }
@@ -43,11 +47,17 @@ impl ChannelFilter {
         }
         let schema = |channel: &Channel| schemas.get(&channel.schema_id).map_or("", String::as_str);
         let unwanted = channels.values().filter(|channel| !is_wanted(channel, schema(channel)));
-        Some(Self(unwanted.map(|channel| channel.id).collect()))
+        Some(Self { unwanted: unwanted.map(|channel| channel.id).collect(), described })
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.unwanted.is_empty()
+    }
+
+    /// The schemas and channels of the summary, once.
+    pub(super) fn take_described(&mut self) -> impl Iterator<Item = Record<'static>> + use<> {
+        let is_it = |record: &Record<'_>| matches!(record, Record::Schema { .. } | Record::Channel(_));
+        core::mem::take(&mut self.described).into_iter().filter(is_it)
     }
 }
 
@@ -67,6 +77,6 @@ impl ChunkIndex {
 
     /// The number of its messages if all are of unwanted channels. Without an index nobody knows.
     pub(super) fn all_unwanted(&self, unwanted: &ChannelFilter) -> Option<u64> {
-        (!self.channels.is_empty() && self.channels.is_subset(&unwanted.0)).then_some(self.messages)
+        (!self.channels.is_empty() && self.channels.is_subset(&unwanted.unwanted)).then_some(self.messages)
     }
 }

@@ -1,17 +1,14 @@
 //! The pieces of a recording that rotates: which numbers are there, and which file a recorder has written.
 
-use crate::read::chunk::ChunkBuffer;
 use crate::read::plausible::CREATOR;
-use crate::read::records::each_record;
+use crate::read::records::Records;
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
 use isotherm_recording::layouts;
 use isotherm_recording::rows::header;
 use isotherm_support::source::ReadSeek;
 use isotherm_support::storage::Storage;
-use mcap::parse_record;
-use mcap::records::Record;
 use std::collections::BTreeSet;
-use std::io::{self, Read as _};
+use std::io::{self, Cursor, Read as _};
 use std::path::Path;
 
 /// The beginning of a file that shows whose it is \[bytes\]: the header of CSV with all columns is shorter.
@@ -42,15 +39,10 @@ fn is_of_recorder(file: &mut dyn ReadSeek) -> io::Result<bool> {
     let mut begin = Vec::new();
     (&mut *file).take(BEGIN).read_to_end(&mut begin)?;
     if begin.starts_with(MCAP_MAGIC) {
-        let mut is_own = false;
-        // What follows the first record is cut.
-        let _ = each_record(&begin, true, (&mut ChunkBuffer::default(), BEGIN), |opcode, data| {
-            if let Ok(Record::Header(header)) = parse_record(opcode, data) {
-                is_own = header.library.starts_with(CREATOR);
-            }
-            Ok(())
-        });
-        return Ok(is_own);
+        let mut records = Records::new(Box::new(Cursor::new(begin)));
+        // What follows the first records is cut.
+        let _ = records.next();
+        return Ok(records.library().starts_with(CREATOR));
     }
     Ok(layouts().any(|(stream, layout)| begin.starts_with(&header(&columns(stream, layout)))))
 }

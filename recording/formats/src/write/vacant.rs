@@ -1,14 +1,13 @@
 //! Whether a file is a recording without rows: what a recorder leaves that began and got no row.
 
-use crate::read::chunk::ChunkBuffer;
 use crate::read::plausible::CREATOR;
-use crate::read::records::each_record;
+use crate::read::records::Records;
 use isotherm_recording::columns::{MCAP_MAGIC, columns};
 use isotherm_recording::layouts;
 use isotherm_recording::rows::header;
 use isotherm_support::storage::Storage;
-use mcap::parse_record;
-use mcap::records::{Record, op};
+use mcap::records::Record;
+use std::io::Cursor;
 use std::path::Path;
 
 /// Whether a recording can be created with this name: there is no such file, or one of this user without rows, that no
@@ -31,18 +30,17 @@ pub(super) fn has_no_rows(bytes: &[u8]) -> bool {
 
 /// Whether an MCAP file of the recorder has nothing but channels. A record that is cut, or wrong, may be of messages.
 fn has_no_messages(bytes: &[u8]) -> bool {
-    let mut is_own = false;
-    let read = each_record(bytes, true, (&mut ChunkBuffer::default(), bytes.len() as u64), |opcode, data| {
-        match (opcode, parse_record(opcode, data)) {
-            (op::MESSAGE, _) | (_, Err(_)) => Err(String::new()),
-            (_, Ok(Record::Header(header))) => {
-                is_own = header.library.starts_with(CREATOR);
-                Ok(())
-            }
-            _ => Ok(()),
+    let mut records = Records::new(Box::new(Cursor::new(bytes.to_vec())));
+    loop {
+        match records.next() {
+            Ok(Some(Record::Message { .. })) | Err(_) => return false,
+            Ok(Some(_)) => {}
+            Ok(None) => break,
         }
-    });
-    read.is_ok() && is_own
+    }
+    // A recorder that was killed has not ended its file.
+    let is_cut = records.damage().is_some() || records.is_cut();
+    !is_cut && records.library().starts_with(CREATOR)
 }
 
 #[cfg(test)]
