@@ -57,11 +57,10 @@ impl<W: Write> McapWriter<W> {
         Ok(writer)
     }
 
-    /// Begins the file with the channels of all streams.
+    /// Begins the file, and its first chunk with the channels of all streams.
     fn begin(&mut self) -> io::Result<()> {
         self.container = McapContainer::new("");
         self.streams.iter_mut().try_for_each(|stream| stream.add_channel(&mut self.container))?;
-        self.container.end_chunk();
         self.pass_on()
     }
 
@@ -123,7 +122,8 @@ impl McapFile {
         streams: &[(usize, StreamKind)],
         layouts: &[Layout],
     ) -> io::Result<Self> {
-        let begun = McapWriter::new(Vec::new(), imus, streams, layouts)?;
+        let mut begun = McapWriter::new(Vec::new(), imus, streams, layouts)?;
+        begun.flush()?;
         let sink = Appender::create(storage, path, &begun.sink)?;
         Ok(Self { container: begun.container, sink, streams: begun.streams, message: Vec::new() })
     }

@@ -1,16 +1,18 @@
 //! Packs the chunks of an MCAP file with zstd.
 //!
 //! Rows repeat the bytes of the rows right before them. The search of the library keeps the first place of a text in a
-//! block, and far places take more bits. Ours keeps the last one: files are a sixth smaller, in half the time.
+//! block, and far places take more bits. Ours keeps the last one: files are a sixth smaller, in less time.
 
 use ruzstd::encoding::{CompressionLevel, FrameCompressor, Matcher, Sequence};
 use std::io::Cursor;
+use std::mem::replace;
 
 /// Longest block \[bytes\], which is also how far back a match is.
 const BLOCK: usize = 1 << 17;
-/// Shortest match \[bytes\].
-const SHORTEST: usize = 4;
-/// Bits of the keys of the table of places.
+/// Lengths of the texts that are sought: a long one, or else a short one \[bytes\].
+const LONG: usize = 8;
+const SHORT: usize = 4;
+/// Bits of the keys of the tables of places.
 const KEY_BITS: u32 = 15;
 
 /// Packs chunks, each as a frame of its own.
@@ -38,22 +40,38 @@ impl ChunkCompressor {
 #[derive(Default)]
 struct NearestMatch {
     block: Vec<u8>,
-    /// The place behind the last text with each key; 0 without one.
-    places: Vec<u32>,
+    /// The places behind the last long and the last short text with each key; 0 without one.
+    places: [Vec<u32>; 2],
 }
 
 impl NearestMatch {
-    /// The place of the last text with the key of the text at `at`, which takes its place.
-    fn exchange(&mut self, at: usize) -> Option<usize> {
-        let text = self.block[at..].first_chunk::<SHORTEST>()?;
-        let key = u32::from_le_bytes(*text).wrapping_mul(0x9e37_79b1) >> (u32::BITS - KEY_BITS);
-        let before = std::mem::replace(&mut self.places[key as usize], at as u32 + 1);
-        (before as usize).checked_sub(1)
+    /// The places behind the last texts with the keys of the text at `at`, which takes their place.
+    fn exchange(&mut self, at: usize) -> [u32; 2] {
+        let Some(text) = self.block[at..].first_chunk() else { return [0; 2] };
+        let text = u64::from_le_bytes(*text);
+        let key = |text: u64| (text.wrapping_mul(0x9e37_79b1_85eb_ca87) >> (u64::BITS - KEY_BITS)) as usize;
+        let [long, short] = &mut self.places;
+        let short_text = text << (u64::BITS - 8 * SHORT as u32);
+        let place = at as u32 + 1;
+        [replace(&mut long[key(text)], place), replace(&mut short[key(short_text)], place)]
     }
 
-    /// How many bytes at `at` are as those at a place before.
-    fn common(&self, before: usize, at: usize) -> usize {
-        self.block[at..].iter().zip(&self.block[before..]).take_while(|(one, other)| one == other).count()
+    /// How many bytes at `at` are as those at the place before `behind`.
+    fn common(&self, behind: u32, at: usize) -> usize {
+        let Some(place) = behind.checked_sub(1) else { return 0 };
+        let both = self.block[at..].iter().zip(&self.block[place as usize..]);
+        both.take_while(|(one, other)| one == other).count()
+    }
+
+    /// The place behind the begin of the match at `at`, and its length; 0 without one.
+    fn find(&mut self, at: usize) -> (u32, usize) {
+        let [long, short] = self.exchange(at);
+        let found = self.common(long, at);
+        if found >= LONG {
+            return (long, found);
+        }
+        let found = self.common(short, at);
+        if found >= SHORT { (short, found) } else { (0, 0) }
     }
 }
 
@@ -68,8 +86,7 @@ impl Matcher for NearestMatch {
 
     fn commit_space(&mut self, space: Vec<u8>) {
         self.block = space;
-        self.places.clear();
-        self.places.resize(1 << KEY_BITS, 0);
+        self.places = [(); 2].map(|()| vec![0; 1 << KEY_BITS]);
     }
 
     /// Matches are within a block.
@@ -78,13 +95,13 @@ impl Matcher for NearestMatch {
     fn start_matching(&mut self, mut handle_sequence: impl for<'a> FnMut(Sequence<'a>)) {
         let (mut literal, mut at) = (0, 0);
         while at < self.block.len() {
-            let before = self.exchange(at);
-            let match_len = before.map_or(0, |before| self.common(before, at));
-            let Some(offset) = before.filter(|_| match_len >= SHORTEST).map(|before| at - before) else {
+            let (behind, match_len) = self.find(at);
+            if match_len == 0 {
                 at += 1;
                 continue;
-            };
-            handle_sequence(Sequence::Triple { literals: &self.block[literal..at], offset, match_len });
+            }
+            let (literals, offset) = (&self.block[literal..at], at + 1 - behind as usize);
+            handle_sequence(Sequence::Triple { literals, offset, match_len });
             let end = at + match_len;
             for inside in (at + 1..end).step_by(2) {
                 self.exchange(inside);
