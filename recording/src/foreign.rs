@@ -94,8 +94,6 @@ pub struct ForeignRow {
     pub board: [f64; 2 * AXES],
     /// Whether the clock of the stamps starts again with this row.
     pub begins_session: bool,
-    /// Whether the row got another time than its stamp.
-    pub is_fixed: bool,
 }
 
 /// What the foreign formats have in common.
@@ -170,9 +168,6 @@ pub trait ForeignRows {
     fn has_log_time(&self) -> bool {
         false
     }
-
-    /// Gives a row whose time was fixed what depends on the time.
-    fn retime(&self, _reading: &mut ForeignRow) {}
 
     /// The unit of the time, where nothing in the data says it.
     fn guessed_unit(&self) -> Option<&'static str> {

@@ -6,13 +6,10 @@
 //! and for readings by more where the time shows that rows are missing. Where the clock of the stamps starts again, the
 //! session rises by 1, and the sequence begins at 0.
 
-mod bad_stamps;
 mod calendar;
-mod chain;
 mod clock;
 mod columns;
 mod decimal;
-mod fixer;
 mod foreign;
 mod found;
 mod header_units;
@@ -25,7 +22,6 @@ mod looked;
 mod mapping;
 mod novatel;
 mod opening;
-mod placed;
 mod proposal;
 mod recorded;
 mod refused;
@@ -34,6 +30,8 @@ mod rollover;
 mod ros;
 mod scale;
 mod settings;
+mod stamp_rule;
+mod stamp_tally;
 mod stamped;
 mod stated;
 mod stream;
@@ -449,7 +447,7 @@ impl Conversion {
     /// What concerns the data's worth. Valid after the last row.
     #[must_use]
     pub fn findings(&self) -> Vec<Finding> {
-        let mut found = self.input.findings(self.found_from.is_some(), self.first_session);
+        let mut found = self.input.findings(self.first_session);
         found.extend(self.input.source.findings());
         let mut add = |name, message| found.push(Finding::warning(name, message));
         let seconds = self.nominal_ns as f64 / 1e9;

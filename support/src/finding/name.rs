@@ -377,9 +377,10 @@ findings! {
         /// The order of bytes is wrong. With the two bytes of each count exchanged, the counts change far less from row
         /// to row.
         BYTE_ORDER = "byte-order", Fault, "Convert the data again with the other order of bytes.";
-        /// The stamps of third-party data jitter or come in bursts, so their rows are put on an even clock. Lost rows
-        /// cannot be detected there. If only up to 1 % of the stamps are bad, they are corrected, or their rows are
-        /// left out. In a bag, each row has the last temperature that was recorded before it if fewer than a tenth of
+        /// Stamps of third-party data cannot be right: they do not rise, or are off the line through the rows around
+        /// them. Their rows are left out and are missing, and the message has their number and their share. `noise`
+        /// refuses more than 5 %. Stamps that jitter or come in bursts are those of arrival: their rows are put on an
+        /// even clock. In a bag, each row has the last temperature that was recorded before it if fewer than a tenth of
         /// the rows are stamped between the first and the last temperature, or if the stamps of a topic do not rise.
         STAMPS = "stamps", Warning,
             "Stamp the samples where they are taken, or give `interval_s`. Stamp the temperatures of a bag with the \

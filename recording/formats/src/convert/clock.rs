@@ -3,6 +3,9 @@
 //! A row arrives after it was measured, never before. So of the rows of a block the one that is least late, against an
 //! even clock, shows the clock: all others are put where the line through the neighbouring blocks' least delays has
 //! them. The line bends at the blocks' middles, so that a clock that drifts is followed.
+//!
+//! From a lost row on, all rows are late by a period. Where the least delay of all rows behind a row is higher by three
+//! quarters of a period than that of the rows before it, a new stretch of the clock begins, behind a gap.
 
 use super::interval::IntervalShape;
 use isotherm_recording::foreign::ForeignRow;
@@ -10,6 +13,11 @@ use std::collections::VecDeque;
 
 /// Rows of a block: enough for the ends of several bursts.
 const BLOCK: usize = 1000;
+/// Rows, and bursts, of which one is hardly late.
+const ROWS: usize = 64;
+const BURSTS: usize = 2;
+/// A least delay that is higher by this part of the period is that of lost rows.
+const LOST: f64 = 0.75;
 
 /// Gives rows even times.
 pub(super) struct EvenClock {
@@ -63,14 +71,50 @@ impl EvenClock {
         let delay = since_ns - index as f64 * self.shape.period_ns;
         self.waiting.push_back((row, delay));
         self.open += 1;
-        if self.open == BLOCK {
-            self.close(BLOCK, ready);
-            self.open = 0;
+        if self.open >= BLOCK {
+            self.part(ready);
+            if self.open >= BLOCK {
+                self.close(self.open, ready);
+                self.open = 0;
+            }
         }
     }
 
-    /// Ends the stretch: all rows that wait get their times.
+    /// Gives all rows that wait their times. A stretch ends.
     pub(super) fn end(&mut self, ready: &mut VecDeque<ForeignRow>) {
+        self.part(ready);
+        self.finish(ready);
+    }
+
+    /// Ends the stretch before each row that waits before which rows were lost, and begins another one.
+    fn part(&mut self, ready: &mut VecDeque<ForeignRow>) {
+        while let Some(at) = self.lost_before() {
+            let mut behind = self.waiting.split_off(at);
+            self.open = at;
+            self.finish(ready);
+            let Some((first, first_delay)) = behind.front().copied() else { return };
+            self.begin_ns = first.timestamp_ns.unwrap_or(0);
+            behind.iter_mut().for_each(|(_, delay)| *delay -= first_delay);
+            (self.open, self.waiting) = (behind.len(), behind);
+        }
+    }
+
+    /// The first row that waits before which rows were lost.
+    fn lost_before(&self) -> Option<usize> {
+        let rows = ROWS.max(BURSTS * self.shape.burst);
+        let mut least_behind: Vec<_> = self.waiting.iter().map(|(_, delay)| *delay).collect();
+        for at in (1..least_behind.len()).rev() {
+            least_behind[at - 1] = least_behind[at - 1].min(least_behind[at]);
+        }
+        let last = self.waiting.len().checked_sub(rows)?;
+        let is_lost = |at: &usize| {
+            let before = self.waiting.range(at.saturating_sub(rows)..*at).map(|(_, delay)| *delay);
+            least_behind[*at] - before.fold(f64::INFINITY, f64::min) > LOST * self.shape.period_ns
+        };
+        (rows..=last).find(is_lost)
+    }
+
+    fn finish(&mut self, ready: &mut VecDeque<ForeignRow>) {
         if self.open > 0 {
             // A block of its own would have few rows; the last whole one ends with the stretch.
             self.close(BLOCK.min(self.waiting.len()), ready);

@@ -104,6 +104,8 @@ pub(super) struct IntervalShape {
     pub gap_ns: u64,
     /// Rows that usually come at once, 1 without bursts.
     pub burst: usize,
+    /// Whether the stamps show where rows are lost: those that are least late keep the pace.
+    pub shows_losses: bool,
     /// The period may be off by this part where it is rounded.
     near: f64,
     median_ns: u64,
@@ -113,9 +115,15 @@ pub(super) struct IntervalShape {
 const LONG: u64 = 3;
 /// Steps within this part of the usual step are usual.
 const USUAL: f64 = 0.2;
-/// Least share of the time that lies in usual steps, if stamps are those of their rows: a third of the rows may be
-/// lost.
+/// Least share of the time that lies in usual steps, if stamps are those of their rows.
 const LEAST_USUAL: f64 = 0.45;
+/// The same of steps of whole periods, where more than a third of the rows is lost.
+const LEAST_WHOLE: f64 = 0.6;
+/// The part of the steps that are shorter than the shortest usual one, by their jitter.
+const SHORTEST: usize = 20;
+/// Steps whose sum is compared with each of them: where rows are lost, a long step does not make the next ones short.
+const SUMMED: usize = 16;
+const LEAST_INDEPENDENT: f64 = 0.5;
 /// Steps over this number of usual ones show nothing of the usual step.
 const FEW: f64 = 10.0;
 /// Fewer rows than this do not distinguish jitter from lost rows.
@@ -126,6 +134,13 @@ const STANDING: f64 = 0.01;
 const SHORT: f64 = 3e-3;
 /// Fewer such steps are single rows with a wrong stamp.
 const FEWEST_SHORT: f64 = 3.0;
+/// Blocks whose least delays show whether rows are lost, their rows, and the bursts in each.
+const BLOCKS: usize = 16;
+const LEAST_BLOCK: usize = 64;
+const MOST_BLOCK: usize = 1000;
+const BURSTS: usize = 8;
+/// Fewer blocks show nothing.
+const FEWEST_BLOCKS: usize = 4;
 /// No burst has so many rows, and none is so long after the one before \[ns\].
 const LARGEST_BURST: usize = 500;
 const LONGEST_BURST_NS: u64 = 60_000_000_000;
@@ -151,14 +166,15 @@ pub(super) fn found(times: &[u64]) -> Option<IntervalShape> {
     let median_ns = *sorted.get(sorted.len() / 2)?;
     let gap_ns = sorted[(sorted.len() - 1) * 99 / 100].saturating_mul(LONG);
     let (longest, gap_ns) = longest(times, gap_ns);
-    let period_ns = usual(&all, median_ns);
+    let steps: Vec<_> = longest.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let period_ns = period(&steps, usual(&all, median_ns));
     let is_even = is_even(longest, period_ns);
     if is_even {
-        let mut steps = IntervalSteps::new(median_ns);
+        let mut steps = IntervalSteps::new(period_ns.round() as u64);
         all.iter().filter(|step| **step > 0).for_each(|step| steps.take(*step));
         let jitter = ERRORS * steps.variance().sqrt() / steps.count.max(1) as f64;
         let near = COUNTS + jitter / period_ns;
-        return Some(IntervalShape { period_ns, is_even, gap_ns, burst: 1, near, median_ns });
+        return Some(IntervalShape { period_ns, is_even, gap_ns, burst: 1, shows_losses: true, near, median_ns });
     }
     let period_ns = slope(longest).filter(|period_ns| *period_ns > 0.0)?;
     let rows = longest.len() as f64;
@@ -168,9 +184,31 @@ pub(super) fn found(times: &[u64]) -> Option<IntervalShape> {
     let is_bursts = short > 2 * long;
     let burst = if is_bursts { (rows / (long + 1) as f64).round() as usize } else { 1 };
     let late = longest.iter().enumerate().map(|(row, time)| (time - longest[0]) as f64 - row as f64 * period_ns);
-    let (low, high) = late.fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(late), high.max(late)));
+    let late: Vec<_> = late.collect();
+    let (low, high) = late.iter().fold((0.0, 0.0), |(low, high): (f64, f64), late| (low.min(*late), high.max(*late)));
     let near = COUNTS + (high - low) / period_ns / libm::pow(rows, 1.5);
-    Some(IntervalShape { period_ns, is_even, gap_ns, burst, near, median_ns })
+    let longer = usual_pace(&late, period_ns, burst);
+    let (period_ns, shows_losses) = (period_ns * (1.0 + longer.unwrap_or(0.0)), longer.is_some());
+    Some(IntervalShape { period_ns, is_even, gap_ns, burst, shows_losses, near, median_ns })
+}
+
+/// The part of the period by which the usual one is longer, of rows with these delays against an even clock \[ns\]: that
+/// of most blocks of rows, whose least delays lie on a line within half a period. A step of the others is lost rows.
+/// `None` if there is no such line.
+fn usual_pace(late: &[f64], period_ns: f64, burst: usize) -> Option<f64> {
+    let block = (late.len() / BLOCKS).clamp(LEAST_BLOCK, MOST_BLOCK).max(BURSTS * burst);
+    let least = |block: &[f64]| block.iter().copied().fold(f64::INFINITY, f64::min);
+    let least: Vec<_> = late.chunks_exact(block).map(least).collect();
+    let steps: Vec<_> = least.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mut sorted = steps.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let unsteady = steps.iter().filter(|step| (*step - usual).abs() > period_ns / 2.0).count();
+    match unsteady {
+        0 => Some(0.0),
+        _ if steps.len() < FEWEST_BLOCKS => Some(0.0),
+        _ => (2 * unsteady <= steps.len()).then_some(usual / block as f64 / period_ns),
+    }
 }
 
 /// The usual step of the times that rise \[ns\], of times that may also fall; `None` if none rises.
@@ -179,7 +217,21 @@ pub(super) fn usual_step(times: &[u64]) -> Option<f64> {
     rises.retain(|step| *step > 0);
     let mut sorted = rises.clone();
     sorted.sort_unstable();
-    sorted.get(sorted.len() / 2).map(|median_ns| usual(&rises, *median_ns))
+    let usual_ns = usual(&rises, *sorted.get(sorted.len() / 2)?);
+    let longest_ns = sorted[(sorted.len() - 1) * 95 / 100].saturating_mul(LONG);
+    rises.retain(|step| *step <= longest_ns);
+    Some(period(&rises, usual_ns))
+}
+
+/// The time from row to row \[ns\]: the usual step, or the shortest one of which the others are whole multiples.
+fn period(steps: &[u64], usual_ns: f64) -> f64 {
+    if are_usual(steps, usual_ns) {
+        return usual_ns;
+    }
+    let mut sorted: Vec<_> = steps.iter().copied().filter(|step| *step > 0).collect();
+    sorted.sort_unstable();
+    let shortest_ns = sorted.get(sorted.len() / SHORTEST).map(|shortest_ns| usual(steps, *shortest_ns));
+    shortest_ns.filter(|period_ns| are_multiples(steps, *period_ns)).unwrap_or(usual_ns)
 }
 
 /// The longest stretch without a longer step, and that step; all times if the longer steps are those of bursts, with
@@ -219,23 +271,52 @@ fn usual(steps: &[u64], median_ns: u64) -> f64 {
     if rows > 0.0 { sum / rows } else { first }
 }
 
-/// Whether the stamps are those of their rows: the time lies in usual steps, within a fifth of the period or one unit
-/// of coarse stamps, and where a step is too short, others are too long, since rows are lost.
+/// Whether the stamps are those of their rows: the time lies in usual steps, or where rows are lost in whole multiples
+/// of them, and where a step is too short, others are too long.
 fn is_even(times: &[u64], period_ns: f64) -> bool {
-    let steps = || times.windows(2).map(|pair| pair[1] - pair[0]);
-    let unit_ns = steps().fold(0, gcd) as f64;
-    let coarse = if unit_ns < period_ns / 2.0 { unit_ns } else { 0.0 };
-    let is_usual = |step: u64| {
-        let off = (step as f64 - period_ns).abs();
-        off <= USUAL * period_ns || off < coarse
-    };
-    let usual: f64 = steps().filter(|step| is_usual(*step)).map(|step| step as f64).sum();
-    let stand = steps().filter(|step| *step == 0).count() as f64;
+    let steps: Vec<_> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let stand = steps.iter().filter(|step| **step == 0).count() as f64;
     let is_few = times.len() <= FEWEST_UNEVEN;
     is_few
         || stand <= STANDING * times.len() as f64
-            && usual >= LEAST_USUAL * steps().map(|step| step as f64).sum::<f64>()
+            && (are_usual(&steps, period_ns) || are_multiples(&steps, period_ns))
             && !only_jitters(times, period_ns)
+}
+
+/// Whether much of the time lies in steps within a fifth of the period, or one unit of coarse stamps.
+fn are_usual(steps: &[u64], period_ns: f64) -> bool {
+    let unit_ns = steps.iter().copied().fold(0, gcd) as f64;
+    let coarse = if unit_ns < period_ns / 2.0 { unit_ns } else { 0.0 };
+    let is_usual = |step: &f64| {
+        let off = (step - period_ns).abs();
+        off <= USUAL * period_ns || off < coarse
+    };
+    time_in(steps, is_usual) >= LEAST_USUAL * time_in(steps, |_| true)
+}
+
+/// Whether most of the time lies in steps of whole periods, in any order: the steps between them are lost rows. Where
+/// stamps are coarse, jitter or come in bursts, a long step makes the next ones short.
+fn are_multiples(steps: &[u64], period_ns: f64) -> bool {
+    let is_whole = |step: &f64| {
+        let periods = (step / period_ns).round();
+        (1.0..=FEW).contains(&periods) && (step - periods * period_ns).abs() <= USUAL * period_ns
+    };
+    let steps_of = || steps.iter().map(|step| *step as f64);
+    let sums = steps.chunks_exact(SUMMED).map(|part| time_in(part, |_| true));
+    let is_any_order = variance(sums) >= LEAST_INDEPENDENT * SUMMED as f64 * variance(steps_of());
+    is_any_order && time_in(steps, is_whole) >= LEAST_WHOLE * time_in(steps, |_| true)
+}
+
+/// The time of some of the steps \[ns\].
+fn time_in(steps: &[u64], of: impl Fn(&f64) -> bool) -> f64 {
+    steps.iter().map(|step| *step as f64).filter(of).sum()
+}
+
+/// The variance of steps \[ns2\].
+fn variance(steps: impl Iterator<Item = f64> + Clone) -> f64 {
+    let count = steps.clone().count().max(1) as f64;
+    let mean = steps.clone().sum::<f64>() / count;
+    steps.map(|step| (step - mean) * (step - mean)).sum::<f64>() / count
 }
 
 /// Whether steps under half of the period and over 1.5 of it are as many: stamps jitter, and no row is lost.
@@ -334,9 +415,13 @@ pub(super) mod tests {
         (mixed ^ mixed >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9) as f64 / u64::MAX as f64
     }
 
+    /// How far the period is from 10 ms, relative.
+    fn off(shape: IntervalShape) -> f64 {
+        (shape.period_ns / 1e7 - 1.0).abs()
+    }
+
     #[test]
     fn pauses_are_no_bursts_and_jitter_is_no_loss() {
-        let off = |shape: IntervalShape| (shape.period_ns / 1e7 - 1.0).abs();
         for rows in [100, 250, 400] {
             let pause = |row: u64| (0..row / rows).map(|number| 9e11 * (1.0 + 3.0 * uniform(number))).sum::<f64>();
             for count in [1000, 20_000] {
@@ -356,6 +441,28 @@ pub(super) mod tests {
         let lost = (0..1000).filter(|row| uniform(row + 5000) > 0.05);
         let shape = found(&lost.map(|row| late(&row)).collect::<Vec<_>>()).unwrap();
         assert!(shape.is_even && off(shape) < 0.015, "{shape:?}");
+    }
+
+    /// Rows that jitter by 10 % of the interval, of which some are lost.
+    #[test]
+    fn steps_of_whole_intervals_are_lost_rows() {
+        for seed in 0..20 {
+            for lost in [0.1, 0.3, 0.39, 0.5, 0.6, 0.7] {
+                let kept = (0..20_000_u64).filter(|row| uniform(row + seed * 77_777) >= lost);
+                let jitter = if seed % 2 == 0 { 2e6 } else { 0.0 };
+                let late = |row: u64| row * 10_000_000 + (jitter * uniform(row + 900_000 + seed)) as u64;
+                let times: Vec<_> = kept.map(late).take(1000).collect();
+                let shape = found(&times).unwrap();
+                assert!(shape.is_even && off(shape) < 0.01, "{seed} {lost}: {shape:?}");
+                assert!((usual_step(&times).unwrap() / 1e7 - 1.0).abs() < 0.01, "{seed} {lost}");
+            }
+        }
+        // A clock of whole ms at 700 Hz loses nothing, nor do bursts whose steps are whole multiples.
+        let coarse = found(&stamps(700.0, 1_000_000, 2000)).unwrap();
+        assert!(!coarse.is_even && (coarse.period_ns * 700.0 / 1e9 - 1.0).abs() < 1e-3, "{coarse:?}");
+        let burst = |row: u64| (row / 3 * 8 + row % 3) * 125_000;
+        let bursts = found(&(0..2000).map(burst).collect::<Vec<_>>()).unwrap();
+        assert!(!bursts.is_even && (bursts.period_ns * 3.0 / 1e6 - 1.0).abs() < 2e-3, "{bursts:?}");
     }
 
     #[test]

@@ -325,7 +325,7 @@ impl ForeignRows for JoinedSource {
     fn findings(&self) -> Vec<Finding> {
         let mut found: Vec<Finding> = Vec::new();
         for stream in self.streams() {
-            for finding in stream.rows.findings(true, 0).into_iter().chain(stream.rows.source.findings()) {
+            for finding in stream.rows.findings(0).into_iter().chain(stream.rows.source.findings()) {
                 if !found.contains(&finding) {
                     found.push(finding);
                 }

@@ -1,11 +1,10 @@
 //! The rhythm of rows, found from the first ones: of stamps at the usual pace, and of stamps of arrivals.
 
-use super::chain::Rhythm;
 use super::interval;
 use isotherm_recording::foreign::ForeignRow;
 use std::collections::VecDeque;
 
-/// Fewer rows are a handful, which has no usual step, and in which no stamp is fixed.
+/// Fewer rows are a handful, which has no usual step.
 pub(super) const HANDFUL: usize = 10;
 /// Most rows over which the mean step of arrivals is taken.
 const SPAN: usize = 1000;
@@ -19,6 +18,47 @@ const OTHER_VALUES: usize = 20;
 const SAME_VALUES: usize = 10;
 /// So few of the rows may repeat the one before, whatever values say: one of so many.
 const FEW: usize = 50;
+
+/// How the stamps of good rows lie.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rhythm {
+    /// The time from row to row \[ns\].
+    pub period_ns: f64,
+    /// Time by which a row may be off its place \[ns\].
+    pub tolerance_ns: f64,
+    /// Time by which a stamp may be before the one of the row before \[ns\]; `None`: it must rise.
+    pub back_ns: Option<u64>,
+}
+
+impl Rhythm {
+    /// Of rows that are stamped at their usual pace.
+    const fn even(period_ns: f64) -> Self {
+        Self { period_ns, tolerance_ns: 0.5 * period_ns, back_ns: None }
+    }
+
+    /// Whether the stamps are those of the rows, and not of their arrival.
+    pub(super) const fn is_even(&self) -> bool {
+        self.back_ns.is_none()
+    }
+
+    /// Whether a row can follow another one by the time between them \[ns\].
+    pub(super) fn rises(&self, step_ns: f64) -> bool {
+        match self.back_ns {
+            None => step_ns > 0.0,
+            Some(back_ns) => step_ns >= -(back_ns as f64),
+        }
+    }
+
+    /// Whether the time between two rows \[ns\] is less than none.
+    pub(super) fn steps_back(&self, step_ns: f64) -> bool {
+        step_ns < -(self.back_ns.unwrap_or(0) as f64)
+    }
+
+    /// Whether the time between two rows \[ns\] is about that of one.
+    pub(super) fn is_usual(&self, step_ns: f64) -> bool {
+        step_ns > 0.0 && (step_ns - self.period_ns).abs() <= self.tolerance_ns / 2.0
+    }
+}
 
 /// The rhythm of rows that are stamped at their usual pace; of a handful of rows that of the shortest step.
 pub(super) fn rhythm(stamps: &[u64]) -> Rhythm {
@@ -41,8 +81,8 @@ pub(super) fn arrivals(stamps: &[u64]) -> Rhythm {
     let usual_back_ns = quantile(back.into_iter(), 0.9);
     let is_jitter = is_often && usual_back_ns as f64 <= FARTHEST_BACK * period_ns;
     let back_ns = if is_jitter { 2 * usual_back_ns } else { 0 };
-    let tolerance = gap_ns.max(back_ns as f64).max(2.0 * period_ns) / period_ns;
-    Rhythm { period_ns, tolerance, back_ns: Some(back_ns) }
+    let tolerance_ns = gap_ns.max(back_ns as f64).max(2.0 * period_ns);
+    Rhythm { period_ns, tolerance_ns, back_ns: Some(back_ns) }
 }
 
 fn quantile(values: impl Iterator<Item = u64>, part: f64) -> u64 {

@@ -1,12 +1,15 @@
 //! Counters of time that roll over, and other steps back.
 
 use isotherm_recording::foreign::Counter;
+use std::collections::VecDeque;
 
 /// A step forward over a rollover is at most this number of usual ones,
 const USUAL_STEPS: f64 = 64.0;
 /// or this number of the longest steps so far, up to this part of the counter's width.
 const STEPS: u64 = 2;
 const NEAR: u64 = 100;
+/// A bad stamp may be among so many before a rollover.
+const RECENT: usize = 4;
 
 /// The rollovers of a counter.
 #[derive(Clone, Debug, Default)]
@@ -16,6 +19,8 @@ pub(super) struct Rollover {
     /// The width \[ns\], and the row of the first one.
     found: Option<(u64, u64)>,
     count: u64,
+    /// The last stamps, and what the rollovers before them add \[ns\].
+    recent: VecDeque<(u64, u64)>,
 }
 
 impl Rollover {
@@ -29,9 +34,31 @@ impl Rollover {
         self.longest_step_ns = self.longest_step_ns.max(step_ns);
     }
 
+    /// A stamp with what the rollovers before it add \[ns\]. `period_ns` is the usual step.
+    pub(super) fn joined(&mut self, stamp_ns: u64, period_ns: f64) -> u64 {
+        let of = |(earlier_ns, added_ns): &(u64, u64)| {
+            if let Some(width_ns) = self.width_between(*earlier_ns, stamp_ns, period_ns) {
+                return added_ns.checked_add(width_ns);
+            }
+            if let Some(width_ns) = self.width_between(stamp_ns, *earlier_ns, period_ns).filter(|_| *added_ns > 0) {
+                return added_ns.checked_sub(width_ns);
+            }
+            let is_near = stamp_ns.abs_diff(*earlier_ns) as f64 <= USUAL_STEPS * period_ns;
+            is_near.then_some(*added_ns)
+        };
+        let added_ns = self.recent.iter().rev().find_map(of);
+        let added_ns = added_ns.or(self.recent.back().map(|(_, added_ns)| *added_ns)).unwrap_or(0);
+        let added_ns = if stamp_ns.checked_add(added_ns).is_some() { added_ns } else { 0 };
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((stamp_ns, added_ns));
+        stamp_ns + added_ns
+    }
+
     /// The width of the counter \[ns\], if it rolls over between these two stamps: the first is near the width, and
     /// the step is about as long as others are. `period_ns` is the usual one.
-    pub(super) fn width_between(&self, earlier_ns: u64, later_ns: u64, period_ns: f64) -> Option<u64> {
+    fn width_between(&self, earlier_ns: u64, later_ns: u64, period_ns: f64) -> Option<u64> {
         let is_rollover = |width_ns: u64| {
             let found = self.found.map(|(found_ns, _)| found_ns);
             let gap_ns = match found {
@@ -43,11 +70,6 @@ impl Rollover {
             is_same && earlier_ns < width_ns && (width_ns - earlier_ns).saturating_add(later_ns) <= near_ns
         };
         widths(self.counter).map(|(_, _, width_ns)| width_ns).find(|width_ns| is_rollover(*width_ns))
-    }
-
-    /// Whether the counter has rolled over.
-    pub(super) const fn is_found(&self) -> bool {
-        self.found.is_some()
     }
 
     /// Counts a rollover of this width \[ns\]. `row` counts from 1.

@@ -349,14 +349,6 @@ impl ForeignRows for RosSource {
         true
     }
 
-    fn retime(&self, reading: &mut ForeignRow) {
-        // When it was recorded does not depend on its stamp.
-        let is_by_other_time = self.time == TimeSource::Header && self.temperatures.joined.are_by_recording;
-        if let Some(time_ns) = reading.timestamp_ns.filter(|_| !is_by_other_time) {
-            self.take_temperature(time_ns, reading);
-        }
-    }
-
     fn findings(&self) -> Vec<Finding> {
         let truncation = self.messages.records.truncation().map(|text| Finding::warning(name::TRUNCATED, text));
         let Temperatures { topic, before, joined } = &self.temperatures;

@@ -1,11 +1,11 @@
-//! The rows of a source with times that rise: bad stamps are fixed, rollovers are joined, and stamps of arrivals
-//! become an even clock.
+//! The rows of a source with times that rise: rows with bad stamps are left out, rollovers are joined, and stamps of
+//! arrivals become an even clock.
 
 use super::clock::EvenClock;
-use super::fixer::{Fixer, WINDOW};
 use super::interval::{self, IntervalShape};
 use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
+use super::stamp_rule::{StampRule, WINDOW};
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::{ForeignRow, ForeignRows};
 use isotherm_support::finding::{Finding, name};
@@ -15,8 +15,10 @@ use std::collections::VecDeque;
 const FOUND_FROM: usize = 1000;
 /// The same, where they jitter or come in bursts.
 const FOUND_FROM_UNEVEN: usize = 100_000;
-/// Stamps of which more than one of so many is bad are those of arrivals, if any.
+/// Stamps of which more than one of so many cannot be right are those of arrivals, if any; and if more than one of so
+/// many cannot, they are no others.
 const FEW: u64 = 50;
+const MANY: u64 = 3;
 
 /// The rows of a source.
 pub(super) struct StampedRows {
@@ -25,9 +27,9 @@ pub(super) struct StampedRows {
     time: TimeSource,
     /// Rows that have been read ahead.
     ahead: VecDeque<ForeignRow>,
-    fixer: Fixer,
-    /// Rows that the fixer has given.
-    fixed: VecDeque<ForeignRow>,
+    rule: StampRule,
+    /// Rows that are kept by their stamps.
+    kept: VecDeque<ForeignRow>,
     clock: Option<EvenClock>,
     /// Rows that have their time.
     ready: VecDeque<ForeignRow>,
@@ -45,15 +47,15 @@ impl StampedRows {
     /// Reads the first rows, to judge their stamps.
     ///
     /// # Errors
-    /// If there is no row, or if all stamps are the same.
+    /// If there is no row; if all stamps are the same, or are those of arrivals that do not show how many rows are lost.
     pub(super) fn new(source: Box<dyn ForeignRows>, time: TimeSource) -> Result<Self, RecordingError> {
         let adds_up = source.counts_since_the_row_before();
         let mut rows = Self {
             source,
             time,
             ahead: VecDeque::new(),
-            fixer: Fixer::new(rhythm(&[]), Twice::default(), adds_up),
-            fixed: VecDeque::new(),
+            rule: StampRule::new(rhythm(&[]), Twice::default(), adds_up),
+            kept: VecDeque::new(),
             clock: None,
             ready: VecDeque::new(),
             shape: None,
@@ -76,29 +78,36 @@ impl StampedRows {
             let message = format!("all stamps of the first {} rows are {stamp_ns} ns; {remedy}", stamps.len());
             return Err(rows.source.error(first.place, message));
         }
-        let [of_even, of_arrivals] = twice(&rows.ahead);
-        let even = Fixer::new(rhythm(&stamps), of_even, adds_up);
-        let (is_bad, times) = rows.fixed_times(even.clone(), FOUND_FROM);
-        rows.fixer = even;
-        rows.find_shape(&times);
-        if is_bad || rows.is_uneven() {
-            rows.read_ahead(FOUND_FROM_UNEVEN + WINDOW);
-            let uneven = Fixer::new(arrivals(&rows.stamps()), of_arrivals, adds_up);
-            let (_, times) = rows.fixed_times(uneven.clone(), FOUND_FROM_UNEVEN);
-            rows.find_shape(&times);
-            if let Some(shape) = rows.shape.filter(|shape| !shape.is_even) {
-                (rows.fixer, rows.clock) = (uneven, Some(EvenClock::new(shape)));
-            }
-        }
+        rows.choose_rule(adds_up)?;
         Ok(rows)
     }
 
-    fn is_uneven(&self) -> bool {
-        self.shape.is_some_and(|shape| !shape.is_even)
-    }
-
-    fn find_shape(&mut self, times: &[u64]) {
-        (self.shape, self.found_from) = (interval::found(times), times.len() as u64);
+    /// Judges the stamps as those of the rows, or else as those of their arrival.
+    ///
+    /// # Errors
+    /// If they are those of arrival, and do not show how many rows are lost.
+    fn choose_rule(&mut self, adds_up: bool) -> Result<(), RecordingError> {
+        let [of_even, of_arrivals] = twice(&self.ahead);
+        self.rule = StampRule::new(rhythm(&self.stamps()), of_even, adds_up);
+        let (left_out, times) = self.kept_times(self.rule.clone(), FOUND_FROM);
+        (self.shape, self.found_from) = (interval::found(&times), times.len() as u64);
+        let is_even = self.shape.is_none_or(|shape| shape.is_even);
+        let is_over = |one_of: u64| left_out.saturating_mul(one_of) > times.len() as u64 + left_out;
+        if is_even && !is_over(FEW) {
+            return Ok(());
+        }
+        self.read_ahead(FOUND_FROM_UNEVEN + WINDOW);
+        let rule = StampRule::new(arrivals(&self.stamps()), of_arrivals, adds_up);
+        let (_, times) = self.kept_times(rule.clone(), FOUND_FROM_UNEVEN);
+        let Some(shape) = interval::found(&times).filter(|shape| !shape.is_even) else { return Ok(()) };
+        if shape.shows_losses {
+            (self.rule, self.clock) = (rule, Some(EvenClock::new(shape)));
+            (self.shape, self.found_from) = (Some(shape), times.len() as u64);
+        } else if !is_even || is_over(MANY) {
+            let message = "the stamps are those of the rows' arrival, and do not show how many rows are lost";
+            return Err(self.source.error(self.first(), format!("{message}; {}", self.remedy())));
+        }
+        Ok(())
     }
 
     /// The stamps of the rows that were read ahead \[ns\].
@@ -106,12 +115,12 @@ impl StampedRows {
         self.ahead.iter().filter_map(|row| row.timestamp_ns).collect()
     }
 
-    /// The times that the rows which were read ahead get, in order, and whether many stamps are bad.
-    fn fixed_times(&self, mut fixer: Fixer, rows: usize) -> (bool, Vec<u64>) {
-        let (counter, mut fixed, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
+    /// How many of the rows that were read ahead are left out, and the times of the first others, in order.
+    fn kept_times(&self, mut rule: StampRule, rows: usize) -> (u64, Vec<u64>) {
+        let (counter, mut kept, mut times) = (self.source.counter(), VecDeque::new(), Vec::new());
         let mut highest_ns = 0;
-        let mut take = |fixed: &mut VecDeque<ForeignRow>| {
-            for row in fixed.drain(..) {
+        let mut take = |kept: &mut VecDeque<ForeignRow>| {
+            for row in kept.drain(..) {
                 let Some(time_ns) = row.timestamp_ns.filter(|_| times.len() < rows) else { continue };
                 // Where a stamp is a little before the one of the row before, it is the same.
                 highest_ns = if row.begins_session { time_ns } else { time_ns.max(highest_ns) };
@@ -119,14 +128,14 @@ impl StampedRows {
             }
         };
         for row in &self.ahead {
-            fixer.push(*row, counter, &mut fixed);
-            take(&mut fixed);
+            rule.push(*row, counter, &mut kept);
+            take(&mut kept);
         }
         if self.ended {
-            fixer.end(&mut fixed);
-            take(&mut fixed);
+            rule.end(&mut kept);
+            take(&mut kept);
         }
-        (fixer.tally().is_over(fixer.rows(), FEW), times)
+        (rule.tally().left_out(), times)
     }
 
     fn read_ahead(&mut self, rows: usize) {
@@ -161,15 +170,15 @@ impl StampedRows {
         while self.ready.is_empty() && !self.closed {
             let row = self.ahead.pop_front();
             match row.or_else(|| if self.ended { None } else { self.read() }) {
-                Some(row) => self.fixer.push(row, self.source.counter(), &mut self.fixed),
+                Some(row) => self.rule.push(row, self.source.counter(), &mut self.kept),
                 None => {
-                    self.fixer.end(&mut self.fixed);
+                    self.rule.end(&mut self.kept);
                     self.closed = true;
                 }
             }
             match &mut self.clock {
-                Some(clock) => self.fixed.drain(..).for_each(|row| clock.push(row, &mut self.ready)),
-                None => core::mem::swap(&mut self.fixed, &mut self.ready),
+                Some(clock) => self.kept.drain(..).for_each(|row| clock.push(row, &mut self.ready)),
+                None => core::mem::swap(&mut self.kept, &mut self.ready),
             }
             if self.closed
                 && let Some(clock) = &mut self.clock
@@ -177,10 +186,7 @@ impl StampedRows {
                 clock.end(&mut self.ready);
             }
         }
-        if let Some(mut row) = self.ready.pop_front() {
-            if row.is_fixed {
-                self.source.retime(&mut row);
-            }
+        if let Some(row) = self.ready.pop_front() {
             return Ok(Some(row));
         }
         match self.failed.take() {
@@ -191,7 +197,7 @@ impl StampedRows {
 
     /// Refuses rows of which too many have bad stamps. Valid after the last row.
     fn refuse_bad(&self) -> Option<RecordingError> {
-        let refusal = self.fixer.tally().refusal(self.fixer.rows(), &|place| self.source.name(place), &self.remedy());
+        let refusal = self.rule.tally().refusal(self.rule.rows(), &|place| self.source.name(place), &self.remedy());
         refusal.map(|(place, message)| self.source.error(place, message))
     }
 
@@ -234,18 +240,18 @@ impl StampedRows {
         self.clock.is_some()
     }
 
-    /// What was done to the stamps. `is_found` says whether the interval was found from them; `session` is the first.
-    pub(super) fn findings(&self, is_found: bool, session: u64) -> Vec<Finding> {
-        let rollover = self.fixer.rollover().told().map(|told| Finding::warning(name::ROLLOVER, told));
+    /// What was done to the stamps. `session` is the first.
+    pub(super) fn findings(&self, session: u64) -> Vec<Finding> {
+        let rollover = self.rule.rollover().told().map(|told| Finding::warning(name::ROLLOVER, told));
         let uneven = self.shape.filter(|_| self.clock.is_some()).map(|shape| {
             let how = match shape.burst {
                 0 | 1 => "the stamps jitter by over a fifth of the interval".to_owned(),
                 rows => format!("rows come in bursts of about {rows}"),
             };
-            let lost = if is_found { "; lost rows cannot be detected by it: give interval_s" } else { "" };
-            Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock{lost}"))
+            let lost = "rows are missing where all behind them come later";
+            Finding::warning(name::STAMPS, format!("{how}: they are given the times of an even clock; {lost}"))
         });
-        let bad = self.fixer.tally().findings(self.fixer.rows(), &|place| self.source.name(place), session);
+        let bad = self.rule.tally().findings(self.rule.rows(), &|place| self.source.name(place), session);
         let rate = (self.time == TimeSource::Rate).then(|| {
             let message = "the rows are one interval apart, whatever their stamps say: lost rows cannot be detected";
             Finding::warning(name::STAMPS, message.to_owned())

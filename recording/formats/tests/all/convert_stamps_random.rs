@@ -1,4 +1,5 @@
-//! Random mixtures of bad stamps: rows keep or get their true times, or are left out and counted.
+//! Random mixtures of bad stamps: rows keep their true times, or are left out and counted.
+#![allow(clippy::print_stdout, reason = "a study prints its figures")]
 
 use isotherm_recording_formats::convert::{Conversion, Settings};
 use isotherm_shared::wire::RawSample;
@@ -150,8 +151,8 @@ fn count(told: &str, words: &str) -> usize {
 }
 
 #[test]
-fn rows_keep_their_true_times_or_are_left_out_and_counted() {
-    let (mut fixed, mut left) = (0, 0);
+fn rows_have_their_true_times_or_are_left_out_and_counted() {
+    let (mut bad_rows, mut right_rows, mut lost_right) = (0, 0, 0);
     for seed in 0..600 {
         let Series { times, rows, bad, period, copies } = series(&mut Random(seed));
         let (samples, told) = convert(&rows).unwrap_or_else(|message| panic!("{seed}: {message}"));
@@ -162,24 +163,22 @@ fn rows_keep_their_true_times_or_are_left_out_and_counted() {
             let off = (sample.timestamp_ns as f64 - times[number] as f64).abs();
             assert!(off <= 0.5 * period, "{seed}: row {number} is off by {} periods\n{told}", off / period);
             if !bad.contains(&number) {
-                assert_eq!(sample.timestamp_ns, times[number], "{seed}: the good row {number} was moved\n{told}");
+                assert_eq!(sample.timestamp_ns, times[number], "{seed}: the right row {number} was moved\n{told}");
             }
             assert_eq!(sample.session, 0, "{seed}\n{told}");
         }
-        for (number, seen) in seen.iter().enumerate() {
-            assert!(*seen <= 1, "{seed}: row {number} is there {seen} times\n{told}");
-            assert!(*seen == 1 || bad.contains(&number), "{seed}: the good row {number} is lost\n{told}");
-        }
-        let (twice, lost) = (
-            count(&told, &format!(" of {} rows repeat", rows.len())),
-            count(&told, " is left out") + count(&told, " are left out"),
-        );
+        assert!(seen.iter().all(|seen| *seen <= 1), "{seed}: a row is there twice\n{told}");
+        lost_right += (0..times.len()).filter(|number| seen[*number] == 0 && !bad.contains(number)).count();
+        let twice = count(&told, &format!(" of {} rows repeat", rows.len()));
+        let lost = count(&told, " row has a stamp") + count(&told, " rows have stamps");
         assert_eq!(twice, copies, "{seed}\n{told}");
         assert_eq!(samples.len() + twice + lost, rows.len(), "{seed}\n{told}");
-        fixed += bad.len();
-        left += lost;
+        bad_rows += bad.len();
+        right_rows += times.len() - bad.len();
     }
-    assert!(fixed > 4000 && left * 5 < fixed, "{fixed} {left}");
+    let share = lost_right as f64 / right_rows as f64;
+    println!("{bad_rows} bad rows; of {right_rows} right ones {lost_right} are left out, {:.4} %", share * 100.0);
+    assert!(bad_rows > 4000 && share <= 0.02, "{bad_rows} {share}");
 }
 
 #[test]

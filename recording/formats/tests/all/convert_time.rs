@@ -1,6 +1,6 @@
 //! The times of foreign data: jitter, bursts, rollovers, calendars, and what is no text.
 
-use isotherm_recording_formats::convert::{Conversion, Settings};
+use isotherm_recording_formats::convert::{Conversion, Settings, TimeSource};
 use isotherm_shared::wire::RawSample;
 use isotherm_support::failure::Exit;
 use std::io::Cursor;
@@ -38,14 +38,13 @@ fn bursts_and_stamps_that_stand_are_converted_with_an_even_clock() {
     for (burst, told) in [(10, "in bursts of about 10"), (64, "in bursts of about 64")] {
         // All rows of a burst have the stamp of the last one.
         let times: Vec<_> = (0..6400).map(|row| ((row / burst + 1) * burst * 5000).to_string()).collect();
-        for (mapping, hint) in [(MAPPING, true), (given.as_str(), false), (increments.as_str(), true)] {
+        for mapping in [MAPPING, given.as_str(), increments.as_str()] {
             let (samples, findings, _) = convert(&times, mapping).unwrap();
             assert_eq!(samples.len(), 6400);
             assert!(steps(&samples).all(|step| step.abs_diff(5_000_000) < 20_000), "{burst}");
             assert!(samples.iter().all(|sample| sample.interval_ns.abs_diff(5_000_000) < 20_000), "{burst}");
             assert_eq!(samples.last().map(|sample| sample.sequence), Some(6399));
             assert!(findings[0].starts_with("warning [stamps]: ") && findings[0].contains(told), "{findings:?}");
-            assert_eq!(findings[0].contains("give interval_s"), hint, "{findings:?}");
             assert_eq!(findings.len(), 1, "{findings:?}");
         }
     }
@@ -58,6 +57,46 @@ fn a_gap_between_bursts_is_told_and_leaves_a_gap_in_the_sequence() {
     let (samples, findings, _) = convert(&times, MAPPING).unwrap();
     assert_eq!(samples[3000].sequence - samples[2999].sequence, 12_001);
     assert!(findings.iter().any(|finding| finding.contains("1 gaps, 12000 rows missing")), "{findings:?}");
+}
+
+/// Stamps of whole seconds, and of bursts, of which rows are lost here and there: each loss is one of whole periods.
+#[test]
+fn rows_that_are_lost_between_stamps_of_arrival_are_missing() {
+    for (burst, lost) in [(100, &[1234, 3456, 3457, 8765][..]), (100, &[5000]), (10, &[700, 701, 702, 4444]), (10, &[])]
+    {
+        let kept: Vec<u64> = (0..10_000).filter(|row| !lost.contains(row)).collect();
+        let stamp = |row: &u64| ((row / burst + 1) * burst * 10_000).to_string();
+        let (samples, findings, _) = convert(&kept.iter().map(stamp).collect::<Vec<_>>(), MAPPING).unwrap();
+        let sequence = samples.last().map(|sample| sample.sequence);
+        assert_eq!((samples.len(), sequence), (kept.len(), Some(9999)), "{burst} {lost:?}: {findings:?}");
+        for (sample, row) in samples.iter().zip(&kept) {
+            // Where a row is lost is known to a burst.
+            assert!(sample.sequence.abs_diff(*row) <= 3, "{burst} {lost:?}: {row} {}", sample.sequence);
+            let off_ns = (sample.timestamp_ns - samples[0].timestamp_ns).abs_diff((row - kept[0]) * 10_000_000);
+            assert!(off_ns <= 30_100_000, "{burst} {lost:?}: row {row} is off by {off_ns} ns");
+        }
+        assert!(samples.iter().all(|sample| sample.interval_ns == 10_000_000), "{findings:?}");
+    }
+}
+
+/// Where rows are lost everywhere between stamps of arrival, nothing shows how many.
+#[test]
+fn a_share_of_losses_that_cannot_be_told_is_refused_with_a_remedy() {
+    let mut random = crate::joined::Random(5);
+    for (burst, lost) in [(10, 0.05), (10, 0.5), (100, 0.02), (64, 0.3)] {
+        let kept: Vec<u64> = (0..20_000).filter(|_| random.uniform().abs() >= lost).collect();
+        let times: Vec<_> = kept.iter().map(|row| ((row / burst + 1) * burst * 5000).to_string()).collect();
+        let text = times.iter().map(|time| format!("{time},1,2,3\n")).collect::<String>();
+        let mapping = Some((Path::new("m.toml"), MAPPING));
+        let open = |settings: &Settings| {
+            let text = Cursor::new(format!("t,x,y,z\n{text}"));
+            Conversion::of_text(Path::new("in.csv"), text, mapping, settings)
+        };
+        let failure = open(&Settings::default()).err().unwrap_or_else(|| panic!("{burst} {lost}"));
+        assert!(failure.exit == Exit::Data && failure.message.contains("give --time rate --interval S"), "{failure}");
+        let rate = Settings { time: TimeSource::Rate, interval_ns: Some(5_000_000), ..Settings::default() };
+        assert_eq!(open(&rate).unwrap().filter(Result::is_ok).count(), kept.len());
+    }
 }
 
 #[test]
