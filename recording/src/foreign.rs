@@ -96,6 +96,29 @@ pub struct ForeignRow {
     pub begins_session: bool,
 }
 
+/// Rows that are left out, since their stamps cannot be right. Repeated rows are not among them.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct LeftOutRows {
+    /// How many there are.
+    pub rows: u64,
+    /// Of how many rows.
+    pub of: u64,
+}
+
+impl LeftOutRows {
+    /// Their part of all rows, from 0 to 1.
+    #[must_use]
+    pub fn share(self) -> f64 {
+        self.rows as f64 / self.of.max(1) as f64
+    }
+
+    /// These or others, whichever has the larger share.
+    #[must_use]
+    pub fn or_more(self, others: Self) -> Self {
+        if others.share() > self.share() { others } else { self }
+    }
+}
+
 /// What the foreign formats have in common.
 pub trait ForeignRows {
     /// The next row.
@@ -167,6 +190,11 @@ pub trait ForeignRows {
     /// Whether the data also say when each row was recorded.
     fn has_log_time(&self) -> bool {
         false
+    }
+
+    /// The rows that the format itself leaves out by their stamps. Valid after the last row.
+    fn left_out_by_stamps(&self) -> LeftOutRows {
+        LeftOutRows::default()
     }
 
     /// The unit of the time, where nothing in the data says it.

@@ -55,7 +55,7 @@ pub use unit::{Linear, acceleration_units, rate_units};
 use interval::{GAP, IntervalSteps};
 use isotherm_autopilot::logs::FoundImu;
 use isotherm_recording::columns::Layout;
-use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, Units, VehicleState};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, LeftOutRows, OpenData, Units, VehicleState};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::document::Faults;
 use isotherm_shared::names::ImuId;
@@ -442,6 +442,12 @@ impl Conversion {
             "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it{guess}"
         ));
         notes
+    }
+
+    /// The rows that are left out, since their stamps cannot be right. Valid after the last row.
+    #[must_use]
+    pub fn left_out_by_stamps(&self) -> LeftOutRows {
+        self.input.left_out()
     }
 
     /// What concerns the data's worth. Valid after the last row.

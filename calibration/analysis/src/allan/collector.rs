@@ -3,12 +3,13 @@
 use super::curve::MIN_ROWS;
 use super::outputs::{AnalysisSpan, Outputs};
 use super::rate::RateKind;
-use super::recording::{NoiseAnalysis, NoiseError, repeated};
+use super::recording::{MOST_LEFT_OUT, NoiseAnalysis, NoiseError, repeated};
 use super::rest::{PIECE_ROWS, Rest};
 use super::rows::Rows;
 use super::stretch::{Stretch, stretches};
 use core::ops::Range;
 use isotherm_campaign::{Begins, MAGNITUDE_ROWS, magnitude_at_rest, rate_at_rest};
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_recording::{Continuity, MISSING};
 use isotherm_shared::sequence::Period;
 use isotherm_shared::table::CoefficientTable;
@@ -58,6 +59,7 @@ pub struct NoiseRows<'a> {
     continuity: Continuity,
     /// Whether any row has gyroscopes.
     gyroscopes: bool,
+    left_out: LeftOutRows,
 }
 
 /// The longest stretch of rows at rest, and how many rows those like it have.
@@ -93,6 +95,7 @@ impl<'a> NoiseRows<'a> {
             end_s: 0.0,
             continuity: Continuity::default(),
             gyroscopes: false,
+            left_out: LeftOutRows::default(),
         }
     }
 
@@ -125,6 +128,11 @@ impl<'a> NoiseRows<'a> {
         self.continuity.add(row);
     }
 
+    /// Notes the rows of the recording that were left out, since their stamps cannot be right.
+    pub const fn leave_out(&mut self, rows: LeftOutRows) {
+        self.left_out = rows;
+    }
+
     /// What is missing among the rows.
     #[must_use]
     pub const fn continuity(&self) -> &Continuity {
@@ -134,8 +142,12 @@ impl<'a> NoiseRows<'a> {
     /// The noise.
     ///
     /// # Errors
-    /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap.
+    /// If there are fewer than [`MIN_ROWS`] rows at rest without a gap, or if more than 5 % of the rows were left out
+    /// by their stamps.
     pub fn analyse(self) -> Result<NoiseAnalysis, NoiseError> {
+        if self.left_out.share() > MOST_LEFT_OUT {
+            return Err(NoiseError::LeftOut(self.left_out));
+        }
         let (rows, count) = (&self.rows, self.rows.len());
         if count == 0 {
             let seconds = self.end_s;

@@ -10,7 +10,11 @@ use super::stretch::{BridgedRows, MOST_BRIDGED, MOST_MISSING};
 use core::ops::Range;
 use isotherm_campaign::StaticPoseError;
 use isotherm_recording::Losses;
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_support::finding::{Finding, name};
+
+/// Most part of the rows that may be left out by their stamps.
+pub(super) const MOST_LEFT_OUT: f64 = 0.05;
 
 /// The noise of an IMU.
 ///
@@ -72,6 +76,13 @@ pub enum NoiseError {
     /// The IMU was not at rest.
     #[error(transparent)]
     StaticPose(#[from] StaticPoseError),
+    /// Too many rows have stamps that cannot be right.
+    #[error(
+        "{} of {} rows are left out, since their stamps cannot be right: {:.2} %, over {:.0} %, so that the noise is \
+         not that of the IMU; give other times, as with --time, or look for what loses the rows",
+        .0.rows, .0.of, .0.share() * 100.0, MOST_LEFT_OUT * 100.0
+    )]
+    LeftOut(LeftOutRows),
     /// Too few rows.
     #[error(
         "the longest stretch without a gap, a movement, a new session or an output that is not a number has {} rows, {} to {}; at least {MIN_ROWS} \

@@ -108,6 +108,7 @@ impl NoiseCommand {
         bar.finish();
         let recording = joined_paths(&self.recording);
         let of_rows = samples.recording();
+        rows.leave_out(of_rows.left_out_by_stamps());
         let of_data = OfData::of(of_rows).with_unit(&origin, of_rows).with_other_device();
         let spinner = spinner("fitting");
         let continuity = rows.continuity().clone();

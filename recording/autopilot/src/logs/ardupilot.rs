@@ -13,7 +13,7 @@ use super::timeline::{Sieve, StampPlace, UsableTimes};
 use super::undo::{Corrections, concerns, devices};
 use isotherm_recording::foreign::Units;
 use isotherm_recording::foreign::VehicleState;
-use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, PLACEHOLDER, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, LeftOutRows, OpenData, PLACEHOLDER, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -339,6 +339,10 @@ impl ForeignRows for DataFlashSource {
             ));
         }
         notes
+    }
+
+    fn left_out_by_stamps(&self) -> LeftOutRows {
+        self.left_out.by_times(self.sieve.kept().count)
     }
 
     fn findings(&self) -> Vec<Finding> {

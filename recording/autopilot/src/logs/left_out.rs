@@ -1,5 +1,6 @@
 //! Rows of a log that are left out, by what is wrong with them.
 
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_support::finding::{Finding, name};
 use std::collections::BTreeMap;
 
@@ -66,10 +67,17 @@ impl Omissions {
         self.all.values().map(|(count, _)| count).sum()
     }
 
+    /// The rows that are left out by their times, next to so many rows that are used.
+    pub(super) fn by_times(&self, rows: u64) -> LeftOutRows {
+        let left_out = self.count(Flaw::Time);
+        LeftOutRows { rows: left_out, of: rows + left_out }
+    }
+
     /// As findings, compared with the number of rows that are used.
     pub(super) fn findings(&self, of: &str, unit: &str, rows: u64) -> Vec<Finding> {
         let finding = |(flaw, (count, _)): (&Flaw, &(u64, u64))| {
-            let message = format!("{}; they are left out", self.line(*flaw, of, unit));
+            let share = *count as f64 / (rows + count) as f64 * 100.0;
+            let message = format!("{}; they are left out, {share:.2} % of all", self.line(*flaw, of, unit));
             match flaw {
                 Flaw::Repeated => Finding::warning(name::STALLED, message),
                 Flaw::Device if *count > rows / DEVICE_FAULT => Finding::fault(name::OTHER_DEVICE, message),

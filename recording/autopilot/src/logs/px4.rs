@@ -16,7 +16,7 @@ use super::ulog::{UlogMessages, UlogTopic, error};
 use super::ulog_format::SensorRow;
 use isotherm_recording::foreign::Units;
 use isotherm_recording::foreign::VehicleState;
-use isotherm_recording::foreign::{ForeignRow, ForeignRows, OpenData, PLACEHOLDER, placeholder};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, LeftOutRows, OpenData, PLACEHOLDER, placeholder};
 use isotherm_recording::{LogImu, RecordingError};
 use isotherm_shared::wire::AXES;
 use isotherm_support::failure::Failure;
@@ -401,6 +401,11 @@ impl ForeignRows for UlogSource {
             notes.push(format!("{} messages of unknown types are left out", self.messages.unknown));
         }
         notes
+    }
+
+    fn left_out_by_stamps(&self) -> LeftOutRows {
+        let of = |rows: &SensorRows| rows.left_out.by_times(rows.sieve.kept().count);
+        of(&self.accelerometer).or_more(of(&self.gyroscope))
     }
 
     fn findings(&self) -> Vec<Finding> {

@@ -2,6 +2,10 @@
 //!
 //! The first reading gathers runs of rows whose times rise. Only those are kept that follow each other in time and have
 //! the most rows. The second reading takes their rows.
+//!
+//! The rule for texts and bags does not serve here: it judges a row by the 64 rows behind it, and a damaged card gives
+//! whole blocks of other rows, of hundreds of rows and up to a quarter of the log. A log that starts again is refused,
+//! not divided into sessions.
 
 use isotherm_recording::foreign::LEAP_NS;
 use std::collections::VecDeque;

@@ -192,9 +192,9 @@ pub(super) fn found(times: &[u64]) -> Option<IntervalShape> {
     Some(IntervalShape { period_ns, is_even, gap_ns, burst, shows_losses, near, median_ns })
 }
 
-/// The part of the period by which the usual one is longer, of rows with these delays against an even clock \[ns\]: that
-/// of most blocks of rows, whose least delays lie on a line within half a period. A step of the others is lost rows.
-/// `None` if there is no such line.
+/// The part of the period by which the usual one is longer, of rows with these delays against an even clock \[ns\]:
+/// that of most blocks of rows, whose least delays lie on a line within half a period. A step of the others is lost
+/// rows. `None` if there is no such line.
 fn usual_pace(late: &[f64], period_ns: f64, burst: usize) -> Option<f64> {
     let block = (late.len() / BLOCKS).clamp(LEAST_BLOCK, MOST_BLOCK).max(BURSTS * burst);
     let least = |block: &[f64]| block.iter().copied().fold(f64::INFINITY, f64::min);

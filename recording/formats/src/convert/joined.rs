@@ -18,7 +18,7 @@ use super::stream::{RowStream, located};
 use core::f64::consts::TAU;
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::Units;
-use isotherm_recording::foreign::{ForeignRow, ForeignRows};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, LeftOutRows};
 use isotherm_shared::readings::Resolution;
 use isotherm_shared::wire::AXES;
 use isotherm_support::finding::{Finding, name};
@@ -320,6 +320,11 @@ impl ForeignRows for JoinedSource {
         );
         let of_streams = self.streams().into_iter().flat_map(|stream| stream.rows.source.notes());
         of_streams.chain([note]).collect()
+    }
+
+    fn left_out_by_stamps(&self) -> LeftOutRows {
+        let [accelerometers, gyroscopes] = self.streams().map(|stream| stream.rows.left_out());
+        accelerometers.or_more(gyroscopes)
     }
 
     fn findings(&self) -> Vec<Finding> {

@@ -3,8 +3,8 @@
 //! - A row is left out if its stamp does not rise; if it is ahead, and some of the 16 rows behind step back before it;
 //!   or if it is off the lines through the 16 rows before and the 16 rows behind, to the same side, by more than five
 //!   times their median deviation, and by more than half an interval. These are one line where no row is missing.
-//! - If 48 of 64 rows stay below the last stamp, the clock has started again: they begin a session. A counter that rolls
-//!   over is joined.
+//! - If 48 of 64 rows stay below the last stamp, the clock has started again: they begin a session. A counter that
+//!   rolls over is joined.
 //! - A row that has the stamp and the values of one of the last 1024 rows is left out as repeated.
 //! - Stamps of arrival may step back by their jitter, and may be off the line by two intervals, or by a burst.
 //!
@@ -168,8 +168,9 @@ impl StampRule {
     }
 
     fn remember(&mut self, stamp_ns: u64, values: Values) {
-        if self.remembered.len() == REMEMBERED {
-            self.remembered.pop_front();
+        let oldest = if self.remembered.len() == REMEMBERED { self.remembered.pop_front() } else { None };
+        if oldest.is_some_and(|(oldest_ns, _)| oldest_ns == self.highest_ns) {
+            self.highest_ns = self.remembered.iter().map(|(of, _)| *of).max().unwrap_or(0);
         }
         self.remembered.push_back((stamp_ns, values));
         self.highest_ns = self.highest_ns.max(stamp_ns);
@@ -178,6 +179,9 @@ impl StampRule {
     /// Judges the first row that waits.
     fn judge_first(&mut self, is_end: bool, ready: &mut VecDeque<ForeignRow>) {
         let Some(row) = self.waiting.pop_front() else { return };
+        while self.unusual.front().is_some_and(|number| number + (SIDE as u64) < row.number) {
+            self.unusual.pop_front();
+        }
         let judgement = self.judgement(&row, is_end);
         if judgement == Judgement::BeginsSession {
             let before_ns = self.last.map(|last| last.stamp_ns());
@@ -195,7 +199,7 @@ impl StampRule {
         self.before.push_back(row.time_ns);
     }
 
-    fn judgement(&mut self, row: &StampedRow, is_end: bool) -> Judgement {
+    fn judgement(&self, row: &StampedRow, is_end: bool) -> Judgement {
         let Some(last) = self.last else {
             return if self.is_below_others(row) { Judgement::Kept } else { Judgement::LeftOut };
         };
@@ -209,10 +213,7 @@ impl StampRule {
     }
 
     /// Whether all steps around a row are usual.
-    fn is_calm(&mut self, row: &StampedRow) -> bool {
-        while self.unusual.front().is_some_and(|number| number + (SIDE as u64) < row.number) {
-            self.unusual.pop_front();
-        }
+    fn is_calm(&self, row: &StampedRow) -> bool {
         self.unusual.front().is_none_or(|number| *number > row.number + SIDE as u64)
     }
 

@@ -7,7 +7,7 @@ use super::rhythm::{Twice, arrivals, rhythm, twice};
 use super::settings::TimeSource;
 use super::stamp_rule::{StampRule, WINDOW};
 use isotherm_recording::RecordingError;
-use isotherm_recording::foreign::{ForeignRow, ForeignRows};
+use isotherm_recording::foreign::{ForeignRow, ForeignRows, LeftOutRows};
 use isotherm_support::finding::{Finding, name};
 use std::collections::VecDeque;
 
@@ -47,7 +47,8 @@ impl StampedRows {
     /// Reads the first rows, to judge their stamps.
     ///
     /// # Errors
-    /// If there is no row; if all stamps are the same, or are those of arrivals that do not show how many rows are lost.
+    /// If there is no row; if all stamps are the same, or are those of arrivals that do not show how many rows are
+    /// lost.
     pub(super) fn new(source: Box<dyn ForeignRows>, time: TimeSource) -> Result<Self, RecordingError> {
         let adds_up = source.counts_since_the_row_before();
         let mut rows = Self {
@@ -99,8 +100,13 @@ impl StampedRows {
         self.read_ahead(FOUND_FROM_UNEVEN + WINDOW);
         let rule = StampRule::new(arrivals(&self.stamps()), of_arrivals, adds_up);
         let (_, times) = self.kept_times(rule.clone(), FOUND_FROM_UNEVEN);
-        let Some(shape) = interval::found(&times).filter(|shape| !shape.is_even) else { return Ok(()) };
-        if shape.shows_losses {
+        let Some(shape) = interval::found(&times) else { return Ok(()) };
+        if shape.is_even {
+            // More rows show that those of the beginning were no others.
+            if !is_even {
+                (self.shape, self.found_from) = (Some(shape), times.len() as u64);
+            }
+        } else if shape.shows_losses {
             (self.rule, self.clock) = (rule, Some(EvenClock::new(shape)));
             (self.shape, self.found_from) = (Some(shape), times.len() as u64);
         } else if !is_even || is_over(MANY) {
@@ -238,6 +244,12 @@ impl StampedRows {
     /// Whether the rows have the times of an even clock.
     pub(super) const fn is_by_clock(&self) -> bool {
         self.clock.is_some()
+    }
+
+    /// The rows that are left out by their stamps. Valid after the last row.
+    pub(super) fn left_out(&self) -> LeftOutRows {
+        let own = LeftOutRows { rows: self.rule.tally().left_out(), of: self.rule.rows() };
+        own.or_more(self.source.left_out_by_stamps())
     }
 
     /// What was done to the stamps. `session` is the first.

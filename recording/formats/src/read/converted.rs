@@ -3,6 +3,7 @@
 use super::piece::Piece;
 use crate::convert::{Conversion, Scale};
 use isotherm_recording::LogImu;
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_shared::names::ImuId;
 use isotherm_shared::table::Nominal;
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -20,6 +21,7 @@ pub(super) struct ConversionEnds(Vec<(PathBuf, Option<ConversionEnd>)>);
 struct ConversionEnd {
     notes: Vec<String>,
     findings: Vec<Finding>,
+    left_out: LeftOutRows,
     interval_ns: u64,
     scale: Result<Scale, String>,
     log_imu: Option<LogImu>,
@@ -32,6 +34,7 @@ impl ConversionEnds {
         let end = |conversion: &Conversion| ConversionEnd {
             notes: conversion.notes(),
             findings: conversion.findings(),
+            left_out: conversion.left_out_by_stamps(),
             interval_ns: conversion.interval_ns(),
             scale: conversion.scale(),
             log_imu: conversion.log_imu(),
@@ -51,6 +54,15 @@ impl ConversionEnds {
             _ => format!("{}: {note}", listed(&paths)),
         };
         self.once(|end| &end.notes).into_iter().map(named).collect()
+    }
+
+    /// As [`Recording::left_out_by_stamps`](super::Recording::left_out_by_stamps).
+    pub(super) fn left_out_by_stamps(&self) -> LeftOutRows {
+        let each = self.foreign().map(|(_, end)| end.left_out);
+        each.fold(LeftOutRows::default(), |all, LeftOutRows { rows, of }| LeftOutRows {
+            rows: all.rows + rows,
+            of: all.of + of,
+        })
     }
 
     /// As [`Recording::findings`](super::Recording::findings).

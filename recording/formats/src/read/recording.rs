@@ -10,7 +10,7 @@ use super::piece::{Piece, RowKind, WaitingPiece};
 use super::pieces::Pieces;
 use super::places::Places;
 use crate::convert::{Conversion, Foreign, Scale};
-use isotherm_recording::foreign::VehicleState;
+use isotherm_recording::foreign::{LeftOutRows, VehicleState};
 use isotherm_recording::{CampaignRow, Layout, LogImu, Progress, RecordingError, SequenceRule};
 use isotherm_shared::lag::{LagCompletion, ReadingLimits};
 use isotherm_shared::names::ImuId;
@@ -318,6 +318,12 @@ impl Recording {
     #[must_use]
     pub const fn left_out(&self) -> (u64, f64) {
         self.clip.left_out()
+    }
+
+    /// The rows of foreign data that are left out, since their stamps cannot be right. Valid after the last row.
+    #[must_use]
+    pub fn left_out_by_stamps(&self) -> LeftOutRows {
+        self.converted.left_out_by_stamps()
     }
 
     /// What was found in the stamps and the format of foreign data, and concerns their worth; of recordings, what is

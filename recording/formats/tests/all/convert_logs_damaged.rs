@@ -212,6 +212,7 @@ fn blocks_of_other_data_of_the_log_and_wild_times_are_left_out() {
             let (samples, told) = converted(data, extension, &Settings::default());
             assert_eq!((samples.len(), samples[98].sequence), (99, 99), "{told}");
             assert!(told.contains("1 rows of IMU 0 have times that do not follow"), "{told}");
+            assert!(told.contains("left out, 1.00 % of all"), "{told}");
         }
     }
 }

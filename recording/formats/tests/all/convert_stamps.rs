@@ -3,6 +3,7 @@
 use crate::convert_ros::{BEGIN, Bag, STEP, imu};
 use isotherm_files::sources;
 use isotherm_recording::Progress;
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_recording_formats::convert::{Conversion, Foreign, Settings, TimeSource};
 use isotherm_recording_formats::read::{ImuChoice, Samples};
 use isotherm_recording_formats::ros::ImuMessage;
@@ -337,7 +338,9 @@ fn sessions_of_several_files_are_told_apart() {
         .map(|piece| {
             let later = |us: u64| us + piece * 60_000_000;
             let back = |row: u64| if row < 300 { 0 } else { 2_000_000 };
-            let rows: Vec<_> = truth.iter().map(|(row, us)| (row + piece, later(*us) - back(*row))).collect();
+            let mut rows: Vec<_> = truth.iter().map(|(row, us)| (row + piece, later(*us) - back(*row))).collect();
+            // A bad stamp in one of the pieces.
+            rows[100].1 *= 1 - piece;
             let path = folder.path().join(format!("{piece}.csv"));
             std::fs::write(&path, text(&rows)).unwrap();
             path
@@ -345,9 +348,11 @@ fn sessions_of_several_files_are_told_apart() {
         .collect();
     let foreign = Foreign { mapping: Some(("m.toml".into(), MAPPING.to_owned())), settings: Settings::default() };
     let samples = Samples::open(&sources(&paths).unwrap(), (ImuChoice::Any, foreign), &Progress::default());
-    let samples: Vec<_> = samples.unwrap().collect::<Result<_, _>>().unwrap();
+    let mut reader = samples.unwrap();
+    let samples: Vec<_> = reader.by_ref().collect::<Result<_, _>>().unwrap();
+    assert_eq!(reader.recording().left_out_by_stamps(), LeftOutRows { rows: 1, of: 1800 });
     let mut sessions: Vec<_> = samples.iter().map(|sample| sample.session).collect();
-    assert_eq!(sessions.len(), 1800);
+    assert_eq!(sessions.len(), 1799);
     sessions.dedup();
     assert_eq!(sessions.len(), 4, "{sessions:?}");
     sessions.sort_unstable();

@@ -1,7 +1,8 @@
 //! Which rows of a recording are analysed, in what units, and what is warned of.
 
 use super::simulated::{Truth, rates};
-use isotherm_analysis::{NoiseAnalysis, NoiseError, RateKind, imu_yaml};
+use isotherm_analysis::{NoiseAnalysis, NoiseError, NoiseRows, RateKind, imu_yaml};
+use isotherm_recording::foreign::LeftOutRows;
 use isotherm_report::noise;
 use isotherm_report::noise::NoiseSource;
 use isotherm_shared::table::CoefficientTable;
@@ -110,6 +111,20 @@ fn movement_ends_the_stretch() {
     }
     let (start, end) = used(&rows);
     assert!((2530..2550).contains(&start) && end == 6000, "{start} {end}");
+}
+
+#[test]
+fn over_5_percent_of_rows_that_are_left_out_are_refused() {
+    let analyse = |left_out: u64| {
+        let mut rows = NoiseRows::new(None, ALL);
+        white(1.0, 2000).iter().for_each(|row| rows.push(row));
+        rows.leave_out(LeftOutRows { rows: left_out, of: 2000 });
+        rows.analyse()
+    };
+    assert!(analyse(0).is_ok() && analyse(100).is_ok());
+    let error = analyse(101).unwrap_err();
+    assert_eq!(error, NoiseError::LeftOut(LeftOutRows { rows: 101, of: 2000 }));
+    assert!(error.to_string().contains("5.05 %"), "{error}");
 }
 
 #[test]
