@@ -83,6 +83,7 @@ def test_what_is_wrong_raises_and_what_is_odd_warns(tmp_path: Path) -> None:
     proposal = str(refused.value).split("\n\n", 1)[1]
     mapping = tomllib.loads(proposal)
     assert mapping["accelerometer"]["columns"] == ["ax", "ay", "az"]
+    mapping["time"]["unit"], mapping["accelerometer"]["unit"] = "s", "m/s2"
     with pytest.warns(UserWarning, match="1 gaps"):
         samples = isotherm.convert(frame, mapping | {"time": mapping["time"] | {"interval_s": 0.01}})
     assert samples["accelerometers"]["positive_pulses"].tolist()[0] == [1_500_000, 0, 9_800_000]
@@ -194,9 +195,18 @@ def test_the_page_about_your_data_shows_a_program_that_works(tmp_path: Path) -> 
     rows = [f"{number * 0.08:.2f},0.1,{number / 1000},9.81,2.5\n" for number in range(10)]
     (tmp_path / "logger.csv").write_text("time_s,ax,ay,az,temperature\n" + "".join(rows))
     (tmp_path / "imu-a.toml").write_text(TABLE.read_text())
-    assert len(blocks) == 1
+    assert len(blocks) == 2
     subprocess.run([sys.executable, "-W", "error", "-c", blocks[0]], cwd=tmp_path, check=True, timeout=100)
     assert len(messages(tmp_path / "run.mcap")[0]["/imu_a/data_raw"]) == 10
+    # A text of another program, whose IMU warms up at rest and cools down again.
+    number = np.arange(20_000)
+    celsius = 35.0 - 15.0 * np.cos(2e-3 * np.pi * number / 20)
+    generator = np.random.default_rng(3)
+    g = np.array([0.01, -0.02, 1.0]) + 1e-4 * (celsius[:, None] - 35.0) + 1e-4 * generator.normal(size=(len(number), 3))
+    texts = [" | ".join([f"{n / 10:.1f}", *(f"{axis:.7f}" for axis in a), f"{c:.4f}"]) for n, a, c in zip(number, g, celsius, strict=True)]
+    (tmp_path / "logger.txt").write_text("A logger\n\n" + "\n".join(texts).replace(".", ",") + "\n")
+    program = blocks[1] + "assert table.curves['A1', 'bias'] and noise['ax [g]'].N\n"
+    subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=tmp_path, check=True, timeout=100)
 
 
 def test_a_bag_of_another_program_is_converted(tmp_path: Path) -> None:

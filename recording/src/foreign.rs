@@ -197,11 +197,6 @@ pub trait ForeignRows {
         LeftOutRows::default()
     }
 
-    /// The unit of the time, where nothing in the data says it.
-    fn guessed_unit(&self) -> Option<&'static str> {
-        None
-    }
-
     /// When the vehicle was armed and when it flew.
     fn vehicle_state(&self) -> VehicleState {
         VehicleState::default()

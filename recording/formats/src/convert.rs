@@ -11,7 +11,6 @@ mod clock;
 mod columns;
 mod decimal;
 mod foreign;
-mod found;
 mod header_units;
 mod heading;
 mod interval;
@@ -26,6 +25,7 @@ mod proposal;
 mod recorded;
 mod refused;
 mod rhythm;
+mod roles;
 mod rollover;
 mod ros;
 mod scale;
@@ -33,7 +33,6 @@ mod settings;
 mod stamp_rule;
 mod stamp_tally;
 mod stamped;
-mod stated;
 mod stream;
 mod table_pulses;
 mod telemetry_log;
@@ -66,6 +65,8 @@ use isotherm_support::finding::{Finding, name};
 use isotherm_support::source::DataSource;
 use joined::JoinedSource;
 use known::KnownFormat;
+use opening::TextOpening;
+use proposal::{BY_PYTHON, ProposedMapping};
 use scale::TemperatureRange;
 use stamped::StampedRows;
 use std::io::{Cursor, ErrorKind, Read};
@@ -201,81 +202,71 @@ impl Conversion {
         settings: &Settings,
     ) -> Result<Self, Failure> {
         let path = of.name();
-        let failed = |error: RecordingError| failure_of(&error, path, settings.first_row);
         let beginning = beginning(&mut source, path)?;
         if let Some(message) = refused::reason(&beginning) {
             return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
         }
         let (format, no_text) = (KnownFormat::of(&beginning), refused::no_text(&beginning));
-        let is_layout = format.is_none() && no_text.is_none() && mapping.is_none() && settings.mapping.is_none();
-        let recognised = is_layout.then(|| layouts::recognise(&beginning, path));
-        let source: Box<dyn Read> = Box::new(Cursor::new(beginning).chain(source));
         known::check(settings, path, format)?;
-        if let Some(format) = format {
-            let known = match mapping {
-                Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
-                None => KnownColumns::default(),
-            };
-            let temperature = settings.temperature.or(known.temperature);
-            if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != KnownFormat::Mcap) {
-                let message =
-                    "[accelerometer] and [gyroscope] are for ROS messages and texts: these data have their units";
-                return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
+        match (format, no_text) {
+            (Some(format), _) => {
+                let source = Box::new(Cursor::new(beginning).chain(source));
+                Self::read_known(format, OpenData { source: of, bytes: source }, mapping, settings)
             }
-            let units = known.units.map(|unit| unit.unwrap_or(1.0));
-            let data = OpenData { source: of, bytes: source };
-            let source = format.rows(data, settings, temperature, units)?;
-            let interval_ns = settings.interval_ns.or(known.interval_ns);
-            return Self::begin(path, source, interval_ns, settings);
+            (None, Some(message)) => Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path)))),
+            (None, None) => Self::read_text(path, beginning, source, mapping, settings),
         }
-        if let Some(message) = no_text {
-            return Err(Failure::new(Exit::Data, format!("{}: {message}", shown(path))));
+    }
+
+    /// Data whose columns are known.
+    fn read_known(
+        format: KnownFormat,
+        data: OpenData<'_>,
+        mapping: Option<(&Path, &str)>,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        let path = data.source.name();
+        let known = match mapping {
+            Some((file, text)) => KnownColumns::from_toml(text).map_err(|faults| refuse(file, faults))?,
+            None => KnownColumns::default(),
+        };
+        let temperature = settings.temperature.or(known.temperature);
+        if let (Some((file, _)), true) = (mapping, known.units != [None; 2] && format != KnownFormat::Mcap) {
+            let message = "[accelerometer] and [gyroscope] are for ROS messages and texts: these data have their units";
+            return Err(Failure::new(Exit::Config, format!("{}: {message}", shown(file))).at(file, None));
         }
-        let refused = |message: String| Failure::new(Exit::Data, format!("{}: {message}", shown(path)));
-        if let Some(recognised) = recognised.transpose().map_err(refused)?.flatten() {
-            let both = recognised.with_gyroscopes();
-            let source = text::TextSource::recognised(source, recognised, settings.temperature).map_err(failed)?;
-            let source: Box<dyn ForeignRows> = match (&settings.gyroscope_file, both) {
-                (None, _) => Box::new(source),
-                (Some(file), Some(both)) => Box::new(Self::of_two_files((path, source), file, both, settings.time)?),
-                (Some(file), None) => {
-                    let message =
-                        format!("it has gyroscopes itself; leave out --gyroscope-file {}", shown(file.name()));
-                    return Err(Failure::new(Exit::Usage, format!("{}: {message}", shown(path))));
-                }
-            };
-            return Self::begin(path, source, settings.interval_ns, settings);
-        }
-        let given_ns = settings.interval_ns;
-        let mut mapping = match (&settings.mapping, mapping) {
-            (Some(parsed), _) => parsed.clone(),
-            (None, Some((file, text))) => {
-                let mapping = match settings.gyroscope_file {
-                    Some(_) => Mapping::of_two_files(text, given_ns),
-                    None => Mapping::with_interval(text, given_ns),
-                };
-                mapping.map_err(|faults| refuse(file, faults))?
-            }
-            (None, None) => {
-                let proposal = text::proposal(source).map_err(failed)?;
-                let name = shown(path);
-                let message =
-                    format!("{name}: which columns are what? Give --mapping with a file such as\n\n{proposal}");
-                return Err(Failure::new(Exit::Usage, message));
-            }
+        let units = known.units.map(|unit| unit.unwrap_or(1.0));
+        let source = format.rows(data, settings, temperature, units)?;
+        let interval_ns = settings.interval_ns.or(known.interval_ns);
+        Self::begin(path, source, interval_ns, settings)
+    }
+
+    /// A text with its mapping, or with the one that is found from its beginning.
+    fn read_text(
+        path: &Path,
+        beginning: Vec<u8>,
+        source: Box<dyn Read>,
+        mapping: Option<(&Path, &str)>,
+        settings: &Settings,
+    ) -> Result<Self, Failure> {
+        let failed = |error: RecordingError| failure_of(&error, path, settings.first_row);
+        let (mut mapping, found) = match given_mapping(mapping, settings)? {
+            Some(mapping) => (mapping, None),
+            None => found_mapping(path, &beginning, settings).map(|(mapping, found)| (mapping, Some(found)))?,
         };
         if let Some(temperature) = settings.temperature {
             mapping.temperature = Temperature::Constant(temperature);
         }
+        let source = Box::new(Cursor::new(beginning).chain(source));
         let interval_ns = settings.interval_ns.or(mapping.time.interval_ns);
         let source: Box<dyn ForeignRows> = match &settings.gyroscope_file {
             Some(file) => {
                 let alone = Mapping { gyroscope: None, ..mapping.clone() };
-                let accelerometers = text::TextSource::new(source, alone).map_err(failed)?;
+                let accelerometers = text::TextSource::new(source, alone).map_err(failed)?.with_found(found);
                 Box::new(Self::of_two_files((path, accelerometers), file, mapping, settings.time)?)
             }
             None => {
-                let source = text::TextSource::new(source, mapping).map_err(failed)?;
+                let source = text::TextSource::new(source, mapping).map_err(failed)?.with_found(found);
                 Box::new(source.with_first_row(settings.first_row))
             }
         };
@@ -433,13 +424,8 @@ impl Conversion {
         let mut notes = self.input.source.notes();
         let Some(rows) = self.found_from else { return notes };
         let seconds = self.nominal_ns as f64 / 1e9;
-        // An interval that is given says the unit, too: the rows would not keep it.
-        let guess = self.input.source.guessed_unit().map(|unit| {
-            format!(". That the time is in {unit} is a guess, unless you know it: its column does not say it")
-        });
-        let guess = guess.unwrap_or_default();
         notes.push(format!(
-            "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it{guess}"
+            "the nominal interval is {seconds} s, found from the first {rows} rows; for recordings that belong together give it"
         ));
         notes
     }
@@ -678,6 +664,46 @@ fn triad(reading: &ForeignRow, first: usize) -> Result<Triad, String> {
         triad.board_temperature[axis] = reading.board[index];
     }
     Ok(triad)
+}
+
+/// The mapping that is given.
+fn given_mapping(mapping: Option<(&Path, &str)>, settings: &Settings) -> Result<Option<Mapping>, Failure> {
+    if let Some(parsed) = &settings.mapping {
+        return Ok(Some(parsed.clone()));
+    }
+    let Some((file, text)) = mapping else { return Ok(None) };
+    let mapping = match settings.gyroscope_file {
+        Some(_) => Mapping::of_two_files(text, settings.interval_ns),
+        None => Mapping::with_interval(text, settings.interval_ns),
+    };
+    mapping.map(Some).map_err(|faults| refuse(file, faults))
+}
+
+/// The mapping of a text that begins so, if nothing in it is open. A layout of accelerometers is that of a file of
+/// gyroscopes, too.
+fn found_mapping(path: &Path, beginning: &[u8], settings: &Settings) -> Result<(Mapping, ProposedMapping), Failure> {
+    // It may end in the middle of a row.
+    let end = beginning.iter().rposition(|byte| *byte == b'\n').filter(|_| beginning.len() as u64 == BEGINNING);
+    let rows = Cursor::new(beginning[..end.unwrap_or(beginning.len())].to_vec());
+    let found = TextOpening::read(Box::new(rows), 0)
+        .and_then(|(opening, rows)| ProposedMapping::of(&opening, rows, 0, path, settings.temperature))
+        .map_err(|error| failure_of(&error, path, settings.first_row))?;
+    let usage = |message: String| Failure::new(Exit::Usage, format!("{}: {message}", shown(path)));
+    let mapping = Mapping::with_interval(&found.text, settings.interval_ns).ok();
+    match (mapping, &settings.gyroscope_file) {
+        (Some(mapping), None) => Ok((mapping, found)),
+        (Some(mapping), Some(file)) if found.layout.is_some() => match mapping.gyroscope {
+            None => Ok((Mapping { gyroscope: Some(mapping.accelerometer.clone()), ..mapping }, found)),
+            Some(_) => {
+                let file = shown(file.name());
+                Err(usage(format!("it has gyroscopes itself; leave out --gyroscope-file {file}")))
+            }
+        },
+        _ => Err(usage(format!(
+            "which columns are what? Give --mapping with a file such as this, completed; or {BY_PYTHON}\n\n{}",
+            found.text
+        ))),
+    }
 }
 
 /// Whether the interval that some rows show is this one \[ns\]. Few rows show it less well.

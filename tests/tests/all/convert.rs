@@ -61,7 +61,8 @@ fn what_is_wrong_has_its_exit_code_and_a_remedy() {
     assert_eq!((code, stdout.as_str()), (64, ""));
     let (message, proposal) = stderr.split_once("\n\n").unwrap();
     assert!(message.contains("source.csv: which columns are what? Give --mapping"), "{message}");
-    domain.write("proposed.toml", proposal);
+    let proposal = proposal.replace("kind = \"?\"", "kind = \"reading\"").replace("offset = \"?\"", "offset = 32768");
+    domain.write("proposed.toml", &proposal);
     assert_eq!(
         run(&domain, &["convert", "source.csv", "--mapping", "proposed.toml", "-o", "run.csv"]).0,
         0,

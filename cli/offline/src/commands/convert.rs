@@ -28,8 +28,8 @@ use tracing::info;
 ///
 /// Converts text, NovAtel logs, ROS messages, and logs of autopilots.
 ///
-/// A text (CSV, with any separator) needs a mapping file, which describes its columns. Without one, a proposed mapping
-/// is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog of PX4, and
+/// A text (CSV, with any separator) needs a mapping file, which describes its columns, unless their names say all. The
+/// mapping that is used, or proposed, is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog of PX4, and
 /// DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Clone, Debug, Args)]
 #[command(

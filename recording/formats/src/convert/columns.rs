@@ -71,8 +71,7 @@ pub struct Sensors {
     pub unit: Option<f64>,
     /// Largest reading of the type, in the column's unit.
     pub range: Option<f64>,
-    /// The column of the time \[us\] that each number was summed up over, only of layouts that are known; the readings
-    /// are the numbers over this time.
+    /// The column of the time \[us\] that each number was summed up over; the readings are the numbers over this time.
     pub duration: Option<ColumnRef>,
 }
 
@@ -225,6 +224,10 @@ pub(super) fn columns(
 fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: NumberRules) -> Option<Sensors> {
     let kind = section.choice("kind", numbers.kinds);
     let is_of_pulses = kind.is_some_and(Kind::is_of_pulses);
+    let duration = match section.has("duration_us") && !numbers.are_live {
+        true => columns(&section, "duration_us", &[1], "the column of the time of the sums", header)?.pop(),
+        false => None,
+    };
     let [columns, negative] = match section.has("positive") || section.has("negative") {
         true => channels(&section, kind, header)?,
         false => {
@@ -261,8 +264,8 @@ fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: 
         wrong.map(|range| format!("is {range}, give the largest reading in the column's unit, over 0")),
     );
     let not_of_kind: &[&'static str] = match kind {
-        Some(Kind::Increment) => &["unit", "range"],
-        Some(Kind::Count | Kind::Rate) => &["unit", "range", "scale", "offset", "resolution"],
+        Some(Kind::Increment) => &["unit", "range", "duration_us"],
+        Some(Kind::Count | Kind::Rate) => &["unit", "range", "scale", "offset", "resolution", "duration_us"],
         _ => &[],
     };
     for key in not_of_kind.iter().filter(|key| section.has(key)) {
@@ -288,7 +291,7 @@ fn sensors(section: Section<'_, '_>, header: bool, quantity: Quantity, numbers: 
         sign: sign?,
         unit,
         range,
-        duration: None,
+        duration,
     })
 }
 

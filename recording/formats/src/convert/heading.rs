@@ -43,9 +43,9 @@ impl ColumnHeading {
         is_named && self.accelerometer().is_none() && self.gyroscope().is_none()
     }
 
-    /// Whether it is named t or T: the time, or next to a time the temperature.
+    /// Whether it is named t, which is the time of a text that has no other one.
     pub(super) fn is_t(&self) -> bool {
-        self.base.iter().any(|part| part == "t") && of_temperature(&self.name).is_none()
+        self.name.starts_with('t') && self.base.iter().any(|part| part == "t") && of_temperature(&self.name).is_none()
     }
 
     pub(super) fn is_temperature(&self) -> bool {
@@ -86,11 +86,6 @@ impl ColumnHeading {
         let found = self.one_of(["gx", "gy", "gz"]).or_else(|| self.one_of(["wx", "wy", "wz"]));
         let found = self.reading(found.or_else(named).or_else(short), Quantity::Rate);
         found.filter(|_| self.accelerometer().is_none())
-    }
-
-    /// The axis of a column named only x, y or z.
-    pub(super) fn bare(&self) -> Option<usize> {
-        matches!(&self.base[..], [only] if ["x", "y", "z"].contains(&only.as_str())).then(|| self.axis())?
     }
 
     /// The axis, unless the name is about something else of the sensor, or has a unit of the other quantity.

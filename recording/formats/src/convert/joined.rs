@@ -293,10 +293,6 @@ impl ForeignRows for JoinedSource {
         )
     }
 
-    fn guessed_unit(&self) -> Option<&'static str> {
-        self.slow.rows.source.guessed_unit()
-    }
-
     fn notes(&self) -> Vec<String> {
         let JoinTally { rows, readings, offset_ns, early, .. } = &self.tally;
         let (slow, fast) = (&self.slow, &self.fast);

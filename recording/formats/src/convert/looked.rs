@@ -1,11 +1,13 @@
-//! A table of numbers in a text as it looks, for proposals: its columns, and their first values.
+//! The first rows of a table of numbers in a text, split into columns as they are when they are read: for the mapping
+//! of a text, and for proposed campaign files.
 
 use super::calendar;
-use super::opening::{TextOpening, rows_of};
+use super::opening::{Table, TextOpening, rows_of};
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Separator, looks_like_number};
-use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::failure::Failure;
 use isotherm_support::source::DataSource;
+use std::io::Read;
 
 /// Rows that are looked at.
 const ROWS: usize = 1000;
@@ -36,6 +38,8 @@ pub struct LookedColumn {
     pub calendar: Option<Calendar>,
     /// The times of a calendar \[s\].
     pub times_s: Vec<f64>,
+    /// Whether all fields have an exponent.
+    pub(super) is_exponential: bool,
 }
 
 /// How fields state a time.
@@ -57,33 +61,31 @@ impl LookedTable {
     pub fn of(source: &DataSource) -> Result<Self, Failure> {
         let path = source.name();
         let source = source.open().map_err(|error| Failure::io("opening", path, &error))?;
-        let failed = |error: RecordingError| error.failure(path);
-        let (opening, source) = TextOpening::read(Box::new(source), 0).map_err(failed)?;
-        let Some(table) = opening.table() else {
-            return Err(
-                Failure::new(Exit::Data, format!("{}: this is not a table of numbers", shown(path))).at(path, None)
-            );
+        let read = || {
+            let (opening, source) = TextOpening::read(Box::new(source), 0)?;
+            Self::read(source, &opening.table_of_numbers()?, 0)
         };
-        let mut rows = rows_of(source, &table, 0).map_err(failed)?;
+        read().map_err(|error: RecordingError| error.failure(path))
+    }
+
+    /// Looks at the first rows of a table, of which none has been read, behind `skip` lines of its text.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub(super) fn read(source: Box<dyn Read>, table: &Table, skip: u64) -> Result<Self, RecordingError> {
+        let mut rows = rows_of(source, table, skip)?;
         let name = |column: usize| match &table.header {
             Some(header) => header.names[column].clone(),
             None => (column + 1).to_string(),
-        };
-        let column = |index: usize| LookedColumn {
-            name: name(index),
-            values: Vec::new(),
-            decimals: 0,
-            calendar: None,
-            times_s: Vec::new(),
         };
         let mut looked = Self {
             header: table.header.is_some(),
             skip: table.line() - 1,
             comma: false,
-            columns: (0..table.width).map(column).collect(),
+            columns: (0..table.width).map(|column| LookedColumn::new(name(column))).collect(),
         };
         let mut count = 0;
-        while count < ROWS && rows.next_row().map_err(failed)? {
+        while count < ROWS && rows.next_row()? {
             if !rows.fits(table.width) {
                 continue;
             }
@@ -98,10 +100,15 @@ impl LookedTable {
 }
 
 impl LookedColumn {
+    fn new(name: String) -> Self {
+        Self { name, values: Vec::new(), decimals: 0, calendar: None, times_s: Vec::new(), is_exponential: true }
+    }
+
     fn take(&mut self, field: &str, is_first: bool) {
         let number = field.replacen(',', ".", 1);
         self.values.push(number.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::NAN));
         self.decimals = self.decimals.max(number.split_once('.').map_or(0, |(_, decimals)| decimals.len()));
+        self.is_exponential &= number.contains(['e', 'E']);
         let (calendar, time_s) = match (calendar::time_ns(field), calendar::is_date(field)) {
             (Some((ns, false)), _) => (Some(Calendar::Both), ns as f64 / 1e9),
             (Some((ns, true)), _) => (Some(Calendar::OfDay), ns as f64 / 1e9),
@@ -115,14 +122,50 @@ impl LookedColumn {
     /// Whether nearly all of its fields are numbers.
     #[must_use]
     pub fn is_numeric(&self) -> bool {
-        let finite = self.values.iter().filter(|value| value.is_finite()).count();
+        let finite = self.finite().count();
         self.calendar.is_none() && finite > 0 && finite * 10 >= self.values.len() * 9
     }
 
     /// The mean of its numbers.
     #[must_use]
     pub fn mean(&self) -> f64 {
-        let finite: Vec<f64> = self.values.iter().copied().filter(|value| value.is_finite()).collect();
-        finite.iter().sum::<f64>() / finite.len() as f64
+        self.finite().sum::<f64>() / self.finite().count() as f64
     }
+
+    /// Whether its fields are times, with or without the date.
+    pub(super) fn has_times(&self) -> bool {
+        matches!(self.calendar, Some(Calendar::Both | Calendar::OfDay))
+    }
+
+    /// Whether all of its numbers are whole ones, without a decimal mark.
+    pub(super) fn is_whole(&self) -> bool {
+        self.decimals == 0 && self.finite().count() == self.values.len()
+    }
+
+    /// The median of its numbers.
+    pub(super) fn median(&self) -> Option<f64> {
+        median(self.finite().collect())
+    }
+
+    /// Whether its numbers are those of unsigned counts of 16 bits, whose digital zero is 32768.
+    pub(super) fn is_around_32768(&self) -> bool {
+        let is_in_range = self.values.iter().all(|value| (0.0..=65535.0).contains(value));
+        is_in_range && self.median().is_some_and(|median| (8192.0..57344.0).contains(&median))
+    }
+
+    fn finite(&self) -> impl Iterator<Item = f64> {
+        self.values.iter().copied().filter(|value| value.is_finite())
+    }
+}
+
+/// The median length of three columns.
+pub(super) fn length([x, y, z]: [&LookedColumn; 3]) -> Option<f64> {
+    let rows = x.values.iter().zip(&y.values).zip(&z.values);
+    let lengths = rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt());
+    median(lengths.filter(|length| length.is_finite()).collect())
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }

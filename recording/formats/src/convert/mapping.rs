@@ -256,7 +256,8 @@ impl Mapping {
             Temperature::Columns { head, board, .. } => (head, board),
             Temperature::Constant(_) => (&[], &[]),
         };
-        labels.chain(time).chain(self.accelerometer.all()).chain(gyroscope).chain(head).chain(board)
+        let durations = self.gyroscope.iter().chain([&self.accelerometer]).filter_map(|of| of.duration.as_ref());
+        labels.chain(time).chain(self.accelerometer.all()).chain(gyroscope).chain(durations).chain(head).chain(board)
     }
 }
 

@@ -3,6 +3,7 @@
 mod units;
 
 use super::calendar;
+use super::proposal::BY_PYTHON;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, Rows, Separator, looks_like_number};
 use std::io::{BufRead as _, BufReader, Cursor, Read};
@@ -114,53 +115,71 @@ impl TextOpening {
         Self { lines, checksums }
     }
 
-    /// The first row of numbers that the next one is like, and the names above it.
+    /// The first row of numbers that the next one is like, and the names above it. This is how every text is split into
+    /// columns.
     pub(super) fn table(&self) -> Option<Table> {
         let of = |is_right: fn(&[String]) -> bool| {
             (0..self.lines.len().min(SEARCHED)).find_map(|at| {
-                let fitting =
-                    Separator::ALL.into_iter().filter_map(|separator| self.rows_from(at, separator, is_right));
-                // The one of those with which it is a row, with the most columns; of equal ones the first.
-                fitting.rev().max_by_key(|table| table.width)
+                let mut tables = Separator::ALL.into_iter().filter_map(|other| self.rows_from(at, other, is_right));
+                let first = tables.next()?;
+                // Tabs may be blanks of any number: then they separate as many fields, and the names as well.
+                let named = tables.find(|table| table.width == first.width && table.header.is_some());
+                Some(named.filter(|_| first.header.is_none()).unwrap_or(first))
             })
         };
         // A date as 31/12/2026 is no number, and none and more.
-        of(|fields| fields.iter().all(|field| is_whole(field))).or_else(|| of(|_| true))
+        let table = of(|fields| fields.iter().all(|field| is_whole(field))).or_else(|| of(|_| true))?;
+        // The row that is found has a good one behind it; those before it may not have.
+        let is_like = |fields: Vec<String>| fields.len() == table.width && is_row(&fields);
+        let first = match &table.header {
+            Some(_) => None,
+            None => self.lines.iter().find(|line| is_like(line.fields(table.separator))),
+        };
+        Some(Table { first: first.map_or(table.first, |line| line.number), ..table })
     }
 
-    /// The table whose header has all these names.
-    pub(super) fn by_names(&self, wanted: &[&str]) -> Option<Table> {
-        (0..self.lines.len().min(SEARCHED)).find_map(|at| {
-            let mut found = Vec::new();
-            for separator in Separator::ALL {
-                let header = self.header(at, separator);
-                if wanted.iter().all(|name| header.has(name)) {
-                    let rows = self.rows_of(at, &header, separator);
-                    let is_fitting = rows.is_some();
-                    let (separator, first) = rows.unwrap_or((separator, header.last + 1));
-                    let width = header.names.len();
-                    let checksums = self.checksums;
-                    found.push((is_fitting, Table { separator, header: Some(header), width, first, checksums }));
+    /// As [`table`](Self::table).
+    ///
+    /// # Errors
+    /// If there is none.
+    pub(super) fn table_of_numbers(&self) -> Result<Table, RecordingError> {
+        self.table().ok_or_else(|| {
+            let splits = |at: usize| self.splits_numbers(at, &self.lines[at].fields(Separator::Comma));
+            let reason = match (0..self.lines.len()).any(splits) {
+                true => {
+                    "the rows have more fields than there are names: commas separate them, and are decimal marks as \
+                     well; write decimal points"
+                        .to_owned()
                 }
-            }
-            let fitting = found.iter().position(|(is_fitting, _)| *is_fitting).unwrap_or(0);
-            (!found.is_empty()).then(|| found.swap_remove(fitting).1)
+                false => format!("no two rows with {FEWEST} numbers or more; this is not a table of numbers"),
+            };
+            RecordingError::Data { line: self.last(), message: format!("{reason}; or {BY_PYTHON}") }
         })
     }
 
-    /// The table without names whose rows have numbers, or times, in all these columns, counted from 1.
-    pub(super) fn by_numbers(&self, wanted: &[usize]) -> Option<Table> {
-        let is_row =
-            |fields: &[String]| wanted.iter().all(|number| fields.get(number - 1).is_some_and(|field| is_value(field)));
-        Separator::ALL.into_iter().find_map(|separator| {
-            let rows = self.lines.iter().map(|line| (line.number, line.fields(separator)));
-            let rows: Vec<_> = rows.filter(|(_, fields)| is_row(fields)).map(|(line, f)| (line, f.len())).collect();
-            // The first row may be cut at its beginning.
-            let count = |width: usize| rows.iter().filter(|(_, other)| *other == width).count();
-            let (_, width) = *rows.iter().rev().max_by_key(|(_, width)| count(*width))?;
-            let (first, _) = *rows.iter().find(|(_, other)| *other == width)?;
-            Some(Table { separator, header: None, width, first, checksums: self.checksums })
+    /// The table that a mapping of these names reads. In a text of several tables it may be another one than
+    /// [`table`](Self::table).
+    pub(super) fn with_names(&self, wanted: &[&str]) -> Option<Table> {
+        let has_all = |header: &ColumnNames| wanted.iter().all(|name| header.has(name));
+        let table = self.table().filter(|table| table.header.as_ref().is_some_and(has_all));
+        table.or_else(|| {
+            (0..self.lines.len().min(SEARCHED)).find_map(|at| {
+                let headers = Separator::ALL.map(|separator| (separator, self.header(at, separator)));
+                let named: Vec<_> = headers.into_iter().filter(|(_, header)| has_all(header)).collect();
+                let fitting =
+                    named.iter().position(|(separator, header)| self.rows_of(at, header, *separator).is_some());
+                let (separator, header) = named.into_iter().nth(fitting.unwrap_or(0))?;
+                let (separator, first) = self.rows_of(at, &header, separator).unwrap_or((separator, header.last + 1));
+                let width = header.names.len();
+                Some(Table { separator, header: Some(header), width, first, checksums: self.checksums })
+            })
         })
+    }
+
+    /// The table that a mapping of columns with these numbers, from 1, reads.
+    pub(super) fn with_numbers(&self, wanted: &[usize]) -> Option<Table> {
+        let table = self.table().filter(|table| wanted.iter().all(|number| *number <= table.width));
+        table.map(|table| Table { header: None, ..table })
     }
 
     /// The text as a table whose first row has as many columns as possible.
@@ -199,6 +218,9 @@ impl TextOpening {
             return None;
         }
         let header = self.header_above(at, separator, fields.len());
+        if header.is_none() && separator == Separator::Comma && self.splits_numbers(at, &fields) {
+            return None;
+        }
         let next = self.lines[at + 1..].iter().find(|line| uncommented(&line.text).is_none());
         let is_followed = match next {
             Some(next) => is_alike(&fields, &next.fields(separator)),
@@ -206,6 +228,14 @@ impl TextOpening {
         };
         let (width, first) = (fields.len(), self.lines[at].number);
         is_followed.then_some(Table { separator, header, width, first, checksums: self.checksums })
+    }
+
+    /// Whether the commas that separate these fields of a row are decimal marks, too: of the names above it there are half
+    /// as many or more, but not as many.
+    fn splits_numbers(&self, at: usize, fields: &[String]) -> bool {
+        let names = (0..at).map(|index| self.header(index, Separator::Comma).names);
+        let mut names = names.filter(|names| is_row(fields) && is_names(names));
+        names.any(|names| (names.len() + 1..=2 * names.len()).contains(&fields.len()))
     }
 
     /// The names of as many columns, above a row: in the nearest line that fits.

@@ -12,11 +12,11 @@ pub(super) mod means;
 pub(super) use bad_rows::{BadRows, Fault};
 
 use super::columns::{ColumnRef, Kind, Sensors, Temperature};
-use super::layouts::LayoutMatch;
 use super::mapping::{Mapping, TimeUnit};
-use super::opening::{Checksums, FEWEST, Table, TextOpening, rows_of, uncommented};
+use super::opening::{Checksums, Table, TextOpening, rows_of, uncommented};
+use super::proposal::ProposedMapping;
 use super::unit::Linear;
-use super::{calendar, header_units, proposal, unit};
+use super::{calendar, header_units};
 use axes::{TextAxes, bad};
 use bad_rows::RowRefusal;
 use isotherm_recording::RecordingError;
@@ -30,6 +30,7 @@ use isotherm_support::finding::Finding;
 use marks::ColumnMarks;
 use std::borrow::Cow;
 use std::io::Read;
+use std::path::Path;
 
 /// Rows of a text.
 pub(super) struct TextSource {
@@ -54,8 +55,8 @@ pub(super) struct TextSource {
     is_of_gyroscopes: bool,
     /// What the header says of units.
     notes: Vec<String>,
-    /// The layout that was recognised, in the place of a mapping that is given.
-    recognised: Option<LayoutMatch>,
+    /// The mapping that was found, in the place of one that is given.
+    found: Option<ProposedMapping>,
     /// Whether all times so far are whole numbers.
     whole_times: bool,
     /// Whether they are times of a day.
@@ -92,27 +93,6 @@ pub(super) fn name_of(line: u64, first_row: Option<u64>) -> String {
     }
 }
 
-/// Proposes a mapping for a text.
-///
-/// # Errors
-/// If it is no table of numbers, or cannot be read.
-pub(super) fn proposal(source: Box<dyn Read>) -> Result<String, RecordingError> {
-    let (opening, source) = TextOpening::read(source, 0)?;
-    proposed(&opening, source, 0)
-}
-
-/// The same for what is behind `skip` lines.
-fn proposed(opening: &TextOpening, source: Box<dyn Read>, skip: u64) -> Result<String, RecordingError> {
-    let Some(table) = opening.table() else {
-        let message = format!("no two rows with {FEWEST} numbers or more; this is not a table of numbers");
-        return Err(RecordingError::Data { line: opening.last(), message });
-    };
-    let mut rows = rows_of(source, &table, skip)?;
-    let above = opening.before(table.line());
-    let above: Vec<_> = above.iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
-    proposal::propose(&mut rows, &table, &above)
-}
-
 impl TextSource {
     /// Finds the header, or the first row.
     ///
@@ -122,7 +102,7 @@ impl TextSource {
         let (opening, source) = TextOpening::read(source, mapping.skip)?;
         let wanted: Vec<_> = mapping.columns().filter_map(ColumnRef::name).collect();
         let numbers: Vec<_> = mapping.columns().filter_map(ColumnRef::number).collect();
-        let found = if mapping.header { opening.by_names(&wanted) } else { opening.by_numbers(&numbers) };
+        let found = if mapping.header { opening.with_names(&wanted) } else { opening.with_numbers(&numbers) };
         let Some(table) = found.or_else(|| opening.widest().filter(|table| fits(table, &mapping))) else {
             return Err(Self::missing(&opening, source, &mapping));
         };
@@ -174,7 +154,7 @@ impl TextSource {
             gyroscopes: mapping.gyroscope.as_ref().map(axes).transpose()?,
             is_of_gyroscopes: false,
             notes,
-            recognised: None,
+            found: None,
             whole_times: true,
             of_day: false,
             kind: mapping.accelerometer.kind,
@@ -183,19 +163,6 @@ impl TextSource {
             no_rows: 0,
             first_row: None,
         })
-    }
-
-    /// As [`new`](Self::new), of a layout that was recognised. The temperature \[degC\] may be given.
-    pub(super) fn recognised(
-        source: Box<dyn Read>,
-        mut recognised: LayoutMatch,
-        temperature: Option<f64>,
-    ) -> Result<Self, RecordingError> {
-        if let Some(temperature) = temperature {
-            recognised.mapping.temperature = Temperature::Constant(temperature);
-            recognised.is_without_temperature = false;
-        }
-        Ok(Self { recognised: Some(recognised.clone()), ..Self::new(source, recognised.mapping)? })
     }
 
     /// As [`new`](Self::new), of a text that has only the gyroscopes of `mapping`, and no temperature.
@@ -207,6 +174,11 @@ impl TextSource {
         let temperature = Temperature::Constant(f64::NAN);
         let alone = Mapping { accelerometer: gyroscope, gyroscope: None, temperature, ..mapping };
         Self::new(source, alone).map(|source| Self { is_of_gyroscopes: true, ..source })
+    }
+
+    /// Says that the mapping was found, and which it is.
+    pub(super) fn with_found(self, found: Option<ProposedMapping>) -> Self {
+        Self { found, ..self }
     }
 
     /// Counts rows from 0, from this line on, in messages.
@@ -241,9 +213,9 @@ impl TextSource {
         } else {
             format!("missing columns: {}; the row has {}", missing.join(", "), names.len())
         };
-        let message = match proposed(opening, source, mapping.skip) {
+        let message = match ProposedMapping::of(opening, source, mapping.skip, Path::new(""), None) {
             _ if mapping.is_of_campaign => format!("{message}; correct these keys of the campaign file, or the file"),
-            Ok(proposal) => format!("{message}; a mapping for these columns would be\n\n{proposal}"),
+            Ok(proposed) => format!("{message}; a mapping for these columns would be\n\n{}", proposed.text),
             Err(_) => message,
         };
         RecordingError::Data { line, message }
@@ -333,6 +305,27 @@ impl TextSource {
         Ok(both)
     }
 
+    /// What the numbers stand for.
+    fn known_units(&self) -> Result<Units, String> {
+        if self.kind != Kind::Reading {
+            let kind = self.kind.name();
+            return Err(format!(
+                "kind = \"{kind}\": what a count stands for is that of the IMU's type; make the table by hand"
+            ));
+        }
+        if self.is_of_gyroscopes {
+            let (gyroscope, largest) = self.accelerometers.scale("gyroscope", "\"rad/s\" or \"deg/s\"")?;
+            let resolution = Resolution { gyroscope, ..Resolution::default() };
+            return Ok(Units { resolution, largest: [None, largest], ..Units::default() });
+        }
+        let (accelerometer, of_accelerometers) = self.accelerometers.scale("accelerometer", "\"m/s2\" or \"g\"")?;
+        let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.scale("gyroscope", "\"rad/s\" or \"deg/s\""));
+        // Without gyroscopes any resolution will do.
+        let (gyroscope, of_gyroscopes) = gyroscopes.transpose()?.unwrap_or((Resolution::default().gyroscope, None));
+        let resolution = Resolution { accelerometer, gyroscope };
+        Ok(Units { resolution, largest: [of_accelerometers, of_gyroscopes], ..Units::default() })
+    }
+
     /// Whether the current line is no row, though it is not blank: a comment, only separators, or what stood above the
     /// first row, which a logger writes again when it starts again.
     fn is_no_row(&self) -> bool {
@@ -411,26 +404,10 @@ impl ForeignRows for TextSource {
     }
 
     fn units(&self) -> Result<Units, String> {
-        if let Some(recognised) = self.recognised.as_ref().filter(|recognised| recognised.counts) {
-            return Err(recognised.counts());
-        }
-        if self.kind != Kind::Reading {
-            let kind = self.kind.name();
-            return Err(format!(
-                "kind = \"{kind}\": what a count stands for is that of the IMU's type; make the table by hand"
-            ));
-        }
-        if self.is_of_gyroscopes {
-            let (gyroscope, largest) = self.accelerometers.scale("gyroscope", "\"rad/s\" or \"deg/s\"")?;
-            let resolution = Resolution { gyroscope, ..Resolution::default() };
-            return Ok(Units { resolution, largest: [None, largest], ..Units::default() });
-        }
-        let (accelerometer, of_accelerometers) = self.accelerometers.scale("accelerometer", "\"m/s2\" or \"g\"")?;
-        let gyroscopes = self.gyroscopes.as_ref().map(|axes| axes.scale("gyroscope", "\"rad/s\" or \"deg/s\""));
-        // Without gyroscopes any resolution will do.
-        let (gyroscope, of_gyroscopes) = gyroscopes.transpose()?.unwrap_or((Resolution::default().gyroscope, None));
-        let resolution = Resolution { accelerometer, gyroscope };
-        Ok(Units { resolution, largest: [of_accelerometers, of_gyroscopes], ..Units::default() })
+        self.known_units().map_err(|why| match &self.found {
+            Some(found) => format!("{why}; add it to this mapping, and give that with --mapping:\n\n{}", found.text),
+            None => why,
+        })
     }
 
     fn has_gyroscopes(&self) -> bool {
@@ -465,14 +442,6 @@ impl ForeignRows for TextSource {
         }
     }
 
-    fn guessed_unit(&self) -> Option<&'static str> {
-        let Some((column, TimeUnit::Power(power))) = &self.columns.time else { return None };
-        let names = [(9, "s"), (6, "ms"), (3, "us"), (0, "ns")];
-        let unit = names.iter().find(|(of, _)| of == power).map(|(_, name)| *name)?;
-        let is_known = self.recognised.is_some() || self.has_header && unit::of_time(column.name()).is_some();
-        (!is_known).then_some(unit)
-    }
-
     fn notes(&self) -> Vec<String> {
         let what = if self.has_header { "the header" } else { "the first row" };
         let above = self.above.1;
@@ -480,15 +449,14 @@ impl ForeignRows for TextSource {
             .then(|| format!("{what} is line {}; what stands above it is passed over, {above} lines", self.begin));
         let between =
             (self.no_rows > 0).then(|| format!("{} lines between the rows are not rows, as comments", self.no_rows));
-        let recognised = self.recognised.iter().map(|recognised| recognised.note.clone());
         let of_units = self.notes.iter().cloned();
-        // A layout is known with what stands above it.
-        let above = above.filter(|_| self.recognised.is_none());
-        recognised.chain(of_units).chain(above).chain(between).collect()
+        // A mapping that was found says it.
+        let above = above.filter(|_| self.found.is_none());
+        self.found.iter().map(ProposedMapping::note).chain(of_units).chain(above).chain(between).collect()
     }
 
     fn findings(&self) -> Vec<Finding> {
-        let is_without = self.recognised.as_ref().is_some_and(|recognised| recognised.is_without_temperature);
+        let is_without = self.found.as_ref().is_some_and(|found| found.is_without_temperature);
         let is_without = is_without.then(|| placeholder(None)).flatten();
         let of_gyroscopes = self.gyroscopes.as_ref().and_then(|axes| axes.finding("gyroscope"));
         let of_kind = self.accelerometers.finding("accelerometer").into_iter().chain(of_gyroscopes);

@@ -10,6 +10,13 @@ pub(super) struct NumberUnit {
     pub(super) factor: f64,
 }
 
+impl NumberUnit {
+    /// One pulse of readings in it: finer than noise, with room for the range of every IMU.
+    pub(super) const fn resolution(self) -> &'static str {
+        if self.factor < 0.01 { "1e-3" } else { "1e-6" }
+    }
+}
+
 /// What three sensors measure.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Quantity {

@@ -28,10 +28,13 @@ fn refused(text: &[u8], mapping: &str) -> String {
     failure.message
 }
 
-fn proposed(text: &str) -> String {
-    let text = Cursor::new(text.to_owned());
-    let failure = Conversion::of_text(Path::new("in"), text, None, &Settings::default()).err().unwrap();
-    failure.message.split_once("\n\n").unwrap_or_else(|| panic!("{failure}")).1.to_owned()
+/// The mapping that is found for a text, completed with these units.
+fn completed(text: &str) -> String {
+    let read = Conversion::of_text(Path::new("in"), Cursor::new(text.to_owned()), None, &Settings::default());
+    let told = read.map_or_else(|failure| failure.message, |conversion| conversion.notes().concat());
+    let mapping = told.split_once("\n\n").unwrap_or_else(|| panic!("{told}")).1;
+    let mapping = mapping.replacen("unit = \"?\"", "unit = \"s\"\ninterval_s = 0.01", 1);
+    mapping.replace("unit = \"?\"", "unit = \"m/s2\"")
 }
 
 /// The numbers of a row, from 0: none of them is exact in binary.
@@ -80,7 +83,7 @@ fn rows_and_header_may_end_in_a_separator() {
             for (of_header, of_rows) in [(&with[..], &with[..]), (end, &with), (&with, end)] {
                 let text = format!("{names}{of_header}{}", rows(20, separator, of_rows));
                 all(&text, MAPPING, 20, &[]);
-                all(&text, &proposed(&text), 20, &[]);
+                all(&text, &completed(&text), 20, &[]);
             }
             let text = rows(20, separator, &with);
             all(&text, NUMBERS, 20, &[]);
@@ -108,7 +111,7 @@ fn units_in_a_second_line_are_appended_to_the_names() {
         ("(s),(g),(g),(g),", "ax [g]"),
     ] {
         let text = format!("t,ax,ay,az,temp\n{units}\n{}", rows(20, ",", "\n"));
-        let proposal = proposed(&text);
+        let proposal = completed(&text);
         assert!(proposal.contains(&format!("\"{appended}\"")) && proposal.contains("\"t [s]\""), "{proposal}");
         // A mapping of names without them is as good.
         let told: &[&str] = match appended {
@@ -120,7 +123,7 @@ fn units_in_a_second_line_are_appended_to_the_names() {
     }
     // A row of numbers is none of units, nor are names.
     let text = format!("t,ax,ay,az,temp\n{}", rows(20, ",", "\n"));
-    assert!(proposed(&text).contains("column = \"t\"\n"));
+    assert!(completed(&text).contains("column = \"t\"\n"));
 }
 
 #[test]
@@ -136,7 +139,7 @@ fn names_in_a_comment_are_found_with_their_own_separator() {
         let (samples, _) = convert(text.as_bytes(), MAPPING).unwrap();
         samples.iter().enumerate().for_each(|(row, sample)| check(sample, row));
         assert_eq!(samples.len(), 20);
-        let proposal = proposed(&text);
+        let proposal = completed(&text);
         assert!(proposal.contains("[\"ax\", \"ay\", \"az\"]") && proposal.contains("column = \"t\""), "{proposal}");
         assert_eq!(convert(text.as_bytes(), &proposal).unwrap().0, samples);
     }
@@ -175,7 +178,7 @@ fn checksums_are_checked_or_cut_off_and_words_before_the_numbers_are_no_header()
     let mapping = NUMBERS.replace("column = 1", "column = 2").replace("[2, 3, 4]", "[3, 4, 5]");
     let mapping = mapping.replace("columns = 5", "columns = 6");
     all(&text, &mapping, 40, &[]);
-    let proposal = proposed(&text);
+    let proposal = completed(&text);
     assert!(proposal.contains("header = false") && !proposal.contains("VNYMR"), "{proposal}");
     // A digit that is another one, and a row whose end is lost.
     let spoilt = text.replacen("1.25,", "1.26,", 1);
@@ -199,11 +202,11 @@ fn what_stands_above_the_table_is_passed_over_and_told() {
     let named = format!("{boot}t,ax,ay,az,temp\n{}", rows(20, ",", "\n"));
     all(&named, MAPPING, 20, &[&told("the header")]);
     all(&named, &MAPPING.replace("[time]", "skip = 4\n[time]"), 20, &[]);
-    all(&named, &proposed(&named), 20, &[]);
+    all(&named, &completed(&named), 20, &[]);
     // The first row of a serial port is cut.
     let cut = format!("3,9.8,21.1\n{}", rows(20, ",", "\n"));
     all(&cut, NUMBERS, 20, &["the first row is line 2; what stands above it is passed over, 1 lines"]);
-    assert!(proposed(&cut).contains("skip = 1\nheader = false"));
+    assert!(completed(&cut).contains("skip = 1\nheader = false"));
     // Nothing that is far above.
     let far = format!("{}t,ax,ay,az,temp\n{}", "boot\n".repeat(100), rows(20, ",", "\n"));
     assert!(refused(far.as_bytes(), MAPPING).contains("missing columns"));

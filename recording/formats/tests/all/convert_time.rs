@@ -145,14 +145,13 @@ fn dates_and_times_of_a_day_are_read() {
 }
 
 #[test]
-fn an_interval_that_no_imu_has_and_a_unit_that_is_a_guess_are_told() {
+fn an_interval_that_no_imu_has_is_told() {
     let times: Vec<_> = (0..2000_u64).map(|row| (1_700_000_000_000 + row * 10).to_string()).collect();
-    let (_, findings, notes) = convert(&times, MAPPING).unwrap();
+    let (_, findings, _) = convert(&times, MAPPING).unwrap();
     assert!(
         findings[0].starts_with("warning [interval]: the interval is 0.00001 s, 1.000e5 Hz: no IMU"),
         "{findings:?}"
     );
-    assert!(notes[0].contains("That the time is in us is a guess, unless you know it"), "{notes:?}");
     let (_, findings, _) = convert(&times, &MAPPING.replace("\"us\"", "\"ms\"")).unwrap();
     assert!(findings.is_empty(), "{findings:?}");
     let (_, findings, _) = convert(&["0".to_owned(), "200".to_owned()], &MAPPING.replace("\"us\"", "\"s\"")).unwrap();

@@ -1,5 +1,5 @@
-//! The mapping that is proposed for a text is accepted as it is and gives the right readings, or leaves open by name
-//! what the text does not say. What the header says of units is used.
+//! The mapping that is found for a text gives the right readings, or leaves open by name what the text does not say.
+//! What the header says of units is used.
 
 use isotherm_recording_formats::convert::{Conversion, Scale, Settings};
 use isotherm_shared::wire::RawSample;
@@ -154,7 +154,7 @@ fn open(text: &str, mapping: Option<&str>) -> Result<Conversion, Failure> {
     Conversion::of_text(Path::new("in.csv"), Cursor::new(text.to_owned()), named, &Settings::default())
 }
 
-/// The mapping that is proposed; `None` of a layout that needs none.
+/// The mapping that is proposed; `None` if nothing in it is open, so that it is used.
 fn proposed(text: &str) -> Option<String> {
     let failure = open(text, None).err()?;
     assert_eq!(failure.exit, Exit::Usage, "{failure}\n{text}");
@@ -204,16 +204,15 @@ proptest! {
     #[test]
     fn a_proposal_is_right_or_open(kind in Kind::any()) {
         let text = kind.text();
-        let proposed = proposed(&text);
-        let mapping = proposed.clone().unwrap_or_default();
-        if mapping.contains("\"?") {
+        if let Some(mapping) = proposed(&text) {
             let failure = open(&text, Some(&mapping)).err().unwrap();
             prop_assert_eq!(failure.exit, Exit::Config);
-            let (unknown, counts) = (kind.acceleration.0.contains("ft"), kind.thermal.is_some_and(|of| of.2 == 36.53));
+            let is_unsaid = |unit: &str| unit.is_empty() || ["ft", "rpm"].iter().any(|other| unit.contains(other));
+            let counts = kind.thermal.is_some_and(|of| of.2 == 36.53);
             let open = [
-                ("time.interval_s", kind.time.0.is_empty() && !kind.above),
-                ("accelerometer.unit", unknown),
-                ("gyroscope.unit", kind.rate.0.contains("rpm")),
+                ("time.interval_s", kind.time.0.is_empty()),
+                ("accelerometer.unit", is_unsaid(kind.acceleration.0)),
+                ("gyroscope.unit", is_unsaid(kind.rate.0)),
                 ("temperature.scale", counts),
             ];
             for (key, is_open) in open {
@@ -222,9 +221,11 @@ proptest! {
             prop_assert!(open.iter().any(|(_, is_open)| *is_open));
             return Ok(());
         }
-        let (samples, scale, _) = read(&text, open(&text, proposed.as_deref()), &mapping);
+        let (samples, scale, notes) = read(&text, open(&text, None), "");
+        // The mapping that is printed is the one that was used.
+        let mapping = notes[0].split_once("\n\n").unwrap().1;
+        prop_assert!(samples == converted(&text, mapping).0, "{}\n{}", mapping, text);
         prop_assert_eq!((samples.len(), scale.interval_ns), (20, 5_000_000), "{}\n{}", mapping, text);
-        // The header does not say that rates are in deg/s, nor accelerations in mg: what it says is right.
         for (found, right) in readings(&samples[7], &scale).into_iter().zip(FORCE.into_iter().chain(RATES)) {
             prop_assert!((found / right - 1.0).abs() < 1e-2, "{} {}\n{}\n{}", found, right, mapping, text);
         }
@@ -322,7 +323,7 @@ fn temperatures_have_a_scale_and_then_an_offset() {
 
 #[test]
 fn an_interval_that_nothing_says_is_asked_for() {
-    let text = "ax,ay,az\n0.1,0.2,9.79\n0.1,0.2,9.78\n";
+    let text = "ax_g,ay,az\n0.1,0.2,0.979\n0.1,0.2,0.978\n";
     let mapping = proposal(text);
     let refused = open(text, Some(&mapping)).err().unwrap();
     let expected = "m.toml:3: time.interval_s: is \"?\", which is to be filled in; give the nominal interval in s here, \
@@ -330,19 +331,47 @@ fn an_interval_that_nothing_says_is_asked_for() {
     assert!(refused.exit == Exit::Config && refused.message == expected, "{refused}");
     let settings = Settings { interval_ns: Some(4_000_000), ..Settings::default() };
     let named = Some((Path::new("m.toml"), mapping.as_str()));
-    let conversion = Conversion::of_text(Path::new("in.csv"), Cursor::new(text), named, &settings).unwrap();
-    assert_eq!(conversion.interval_ns(), 4_000_000);
-    let (samples, scale, _) =
-        converted(&format!("Output rate,100\n{text}"), &proposal(&format!("Output rate,100\n{text}")));
-    assert_eq!((samples[0].interval_ns, scale.interval_ns), (10_000_000, 10_000_000));
+    for named in [named, None] {
+        let conversion = Conversion::of_text(Path::new("in.csv"), Cursor::new(text), named, &settings).unwrap();
+        assert_eq!(conversion.interval_ns(), 4_000_000);
+    }
+}
+
+#[test]
+fn a_temperature_that_is_given_leaves_none_open() {
+    let text = TEXT.replace("25.1", "-3400").replace("25.2", "680").replace("t,ax", "t_s,ax");
+    assert!(proposal(&text).contains("scale = \"?\""));
+    let settings = Settings { temperature: Some(30.5), ..Settings::default() };
+    let conversion = Conversion::of_text(Path::new("in.csv"), Cursor::new(text), None, &settings).unwrap();
+    let celsius: Vec<_> = conversion.map(|sample| sample.unwrap().gyroscopes.head_temperature[0]).collect();
+    assert_eq!(celsius, [30.5, 30.5]);
 }
 
 #[test]
 fn blanks_within_names_are_no_separators_where_a_column_is_missing() {
-    let header =
-        "#timestamp [ns],w x [rad s^-1],w y [rad s^-1],w z [rad s^-1],acc x [m s^-2],acc y [m s^-2],acc z [m s^-2]";
+    let header = "#time [ns],w x [rad s^-1],w y [rad s^-1],w z [rad s^-1],acc x [m s^-2],acc y [m s^-2],acc z [m s^-2]";
     let text = format!("{header}\n1000000,1,2,3,4,5,6.5\n2000000,1,2,3,4,5,6\n");
     let refused = open(&text, Some(&MAPPING.replace("gx(deg/s)", "w x"))).err().unwrap();
-    assert!(refused.message.contains("found: timestamp [ns], w x [rad s^-1], w y [rad s^-1]"), "{refused}");
-    assert_eq!(converted(&text, &proposal(&text)).0.len(), 2);
+    assert!(refused.message.contains("found: time [ns], w x [rad s^-1], w y [rad s^-1]"), "{refused}");
+    assert_eq!(open(&text, None).unwrap().count(), 2);
+}
+
+/// A mapping has the columns that the reader reads, whatever is between the fields.
+#[test]
+fn a_proposal_and_the_reader_split_a_line_alike() {
+    let row = |second: u32| format!("2026-05-01 12:00:0{second}.5\t0.25\t-0.5\t9.75\t25.5\n");
+    let text: String = (0..3).map(row).collect();
+    let mapping = proposal(&text);
+    assert!(mapping.contains("column = 1\n") && mapping.contains("# three of 2, 3, 4, 5\n"), "{mapping}");
+    let mapping = mapping
+        .replace("[\"?1\", \"?2\", \"?3\"]", "[2, 3, 4]")
+        .replace("constant = 25.0", "columns = 5")
+        .replace("unit = \"?\"", "unit = \"m/s2\"");
+    let samples = converted(&text, &mapping).0;
+    let first = samples[0].accelerometers;
+    assert_eq!(first.positive_pulses, [250_000, 0, 9_750_000]);
+    assert_eq!((samples.len(), first.head_temperature[0], samples[0].interval_ns), (3, 25.5, 1_000_000_000));
+    // The same with names, which have blanks, too.
+    let text = format!("Date and Time\tax [m/s2]\tay\taz\ttemp [degC]\n{text}");
+    assert_eq!(open(&text, None).unwrap().map(Result::unwrap).collect::<Vec<_>>(), samples);
 }

@@ -33,7 +33,14 @@ fn convert_named(name: &str, text: &str) -> Result<Told, Failure> {
 }
 
 fn convert(text: &str) -> Told {
-    convert_named("in.csv", text).unwrap_or_else(|failure| panic!("{failure}"))
+    let told = convert_named("in.csv", text).unwrap_or_else(|failure| panic!("{failure}"));
+    // The mapping that is printed gives the same samples.
+    let mapping = told.notes.split_once("\n\n").unwrap().1.split("\n\n").next().unwrap();
+    let named = Some((Path::new("m.toml"), mapping));
+    let saved = Conversion::of_text(Path::new("in.csv"), Cursor::new(text.to_owned()), named, &Settings::default());
+    let saved: Vec<_> = saved.unwrap_or_else(|failure| panic!("{failure}\n{mapping}")).map(Result::unwrap).collect();
+    assert!(saved == told.samples, "{mapping}");
+    told
 }
 
 /// Readings of accelerometers and gyroscopes in m/s2 and rad/s.
@@ -75,8 +82,8 @@ fn euroc_and_kalibr_are_read_as_they_are() {
         assert_readings(&told, true);
         assert_eq!((told.samples.len(), told.samples[1].timestamp_ns), (20, 1_403_636_579_763_555_392));
         assert_eq!(told.scale.unwrap().interval_ns, 5_000_000);
-        assert!(told.notes.contains(&format!("a text as of {name}: the time is \"")), "{}", told.notes);
-        assert!(told.notes.contains("in m/s2; G1, G2, G3 are ") && told.notes.contains("in rad/s"), "{}", told.notes);
+        assert!(told.notes.starts_with(&format!("a text as of {name}; ")), "{}", told.notes);
+        assert!(told.notes.contains("unit = \"m/s2\"") && told.notes.contains("unit = \"rad/s\""), "{}", told.notes);
         assert!(told.findings.contains("[no-temperature]"), "{}", told.findings);
     }
     // Other columns next to them are another layout.
@@ -149,14 +156,14 @@ fn an_openlog_artemis_is_read_with_and_without_its_header() {
     let header = "rtcDate,rtcTime,aX,aY,aZ,gX,gY,gZ,mX,mY,mZ,imu_degC,output_Hz\r\n";
     let above =
         "SD card online\r\nData logging online\r\nSerial logging online\r\nIMU online\r\nNo Qwiic devices detected\r\n";
-    for (above, columns) in [(header, "\"aX\", \"aY\", \"aZ\""), (above, "column 3, 4, 5")] {
+    for (above, columns) in [(header, "\"aX\", \"aY\", \"aZ\""), (above, "3, 4, 5")] {
         let told = convert(&openlog(above));
         assert_eq!(told.samples.len(), 40);
         let [a, g] = [readings(&told, 3)[2], readings(&told, 3)[5]];
         assert!((a - FORCE[2]).abs() < 6e-5 && (g - RATES[2]).abs() < 1e-4, "{a} {g}");
         assert!(told.samples.iter().all(|sample| sample.gyroscopes.head_temperature == [21.25; 3]));
         assert!(told.samples.windows(2).all(|pair| pair[1].timestamp_ns - pair[0].timestamp_ns == 100_000_000));
-        let note = format!("A1, A2, A3 are {columns} in mg; G1, G2, G3 are ");
+        let note = format!("columns = [{columns}]\nkind = \"reading\"\nunit = \"mg\"\n");
         assert!(told.notes.contains("OpenLog Artemis") && told.notes.contains(&note), "{}", told.notes);
     }
 }
@@ -170,6 +177,7 @@ fn counts_are_read_and_have_no_nominal_table() {
         let _ = writeln!(text, "   {:.7e}   {}", f64::from(row) * 0.01 + 30.66, counts.join("   "));
     }
     let told = convert_named("xsens_acc.mat", &text).ok().unwrap();
+    assert!(told.scale.is_err(), "counts stand for nothing that is known");
     assert_eq!(told.samples[2].accelerometers.positive_pulses, [357, 508, 3590]);
     assert!(told.samples[0].gyroscopes.is_absent() && told.notes.contains("imu_tk"), "{}", told.notes);
     let refused = convert_named("xsens_gyro.mat", &text).err().unwrap();
@@ -181,8 +189,12 @@ fn counts_are_read_and_have_no_nominal_table() {
     assert_eq!((told.samples[1].timestamp_ns, told.samples.len()), (2_000_000, 30));
     assert_eq!(told.samples[0].accelerometers.negative_pulses, [0, 240, 0]);
     let why = told.scale.unwrap_err();
-    let (_, mapping) = why.split_once("give --mapping with a file such as\n\n").unwrap();
-    let filled = mapping.replacen("\"?\"", "0.00059855", 1).replacen("\"?\"", "0.000133231", 1);
+    assert!(why.starts_with("accelerometer: the numbers look like counts; "), "{why}");
+    let [before, accelerometer, gyroscope] = &why.split("resolution = 1\n").collect::<Vec<_>>()[..] else {
+        panic!("{why}")
+    };
+    let (_, before) = before.split_once("\n\n").unwrap();
+    let filled = format!("{before}scale = 0.00059855\n{accelerometer}scale = 0.000133231\n{gyroscope}");
     let text = arduino("micros", "120,-240,16384,-12,7,5,25.5");
     let named = Some((Path::new("m.toml"), filled.as_str()));
     let mut conversion =

@@ -1,10 +1,11 @@
-//! The columns of the layouts that are recognised.
+//! The layouts that are known.
 
+use super::super::roles::ColumnNumbers;
 use isotherm_shared::wire::AXES;
 
 /// Columns that a layout has: names without brackets, in lower case.
-pub(super) struct Layout {
-    pub(super) name: &'static str,
+pub(in crate::convert) struct Layout {
+    pub(in crate::convert) name: &'static str,
     /// The columns of the time and its unit. The first that is there is taken.
     pub(super) time: &'static [(&'static str, &'static str)],
     pub(super) accelerometer: [&'static str; AXES],
@@ -13,7 +14,8 @@ pub(super) struct Layout {
     pub(super) units: [&'static str; 2],
     /// One pulse of both.
     pub(super) resolution: &'static str,
-    pub(super) temperature: Option<&'static str>,
+    /// The columns of the temperature. The first that is there is taken.
+    pub(super) temperature: &'static [&'static str],
     /// Further columns that distinguish the layout from others.
     pub(super) also: &'static [&'static str],
     /// Whether it has no other column.
@@ -21,7 +23,7 @@ pub(super) struct Layout {
     /// Columns of the time \[us\] that accelerations and rates are sums over.
     pub(super) durations: Option<[&'static str; 2]>,
     /// What is known of the numbers in addition, for the note.
-    pub(super) remark: &'static str,
+    pub(in crate::convert) remark: &'static str,
 }
 
 pub(super) const PLAIN: Layout = Layout {
@@ -31,7 +33,7 @@ pub(super) const PLAIN: Layout = Layout {
     gyroscope: None,
     units: ["m/s2", "rad/s"],
     resolution: "1e-6",
-    temperature: None,
+    temperature: &[],
     also: &[],
     is_all: false,
     durations: None,
@@ -40,7 +42,7 @@ pub(super) const PLAIN: Layout = Layout {
 
 const CORRECTED: &str = "; PX4 has corrected the numbers by its calibration: a table would be of what is left";
 
-pub(super) const LAYOUTS: [Layout; 10] = [
+pub(super) static LAYOUTS: [Layout; 10] = [
     Layout {
         name: "EuRoC",
         time: &[("timestamp", "ns")],
@@ -68,11 +70,11 @@ pub(super) const LAYOUTS: [Layout; 10] = [
     Layout { durations: Some(["dt", "dt"]), ..VEHICLE_IMU },
     Layout {
         name: "ulog2csv, sensor_accel",
-        temperature: Some("temperature"),
-        also: &["device_id", "error_count"],
+        temperature: &["temperature"],
+        also: &["temperature", "device_id", "error_count"],
         ..PLAIN
     },
-    Layout { time: &[("micros", "us")], also: &["output_hz"], ..OPENLOG },
+    Layout { time: &[("micros", "us")], also: &["imu_degc", "output_hz"], ..OPENLOG },
     OPENLOG,
     ARDUINO,
     Layout { gyroscope: None, ..ARDUINO },
@@ -94,41 +96,54 @@ const OPENLOG: Layout = Layout {
     gyroscope: Some(["gx", "gy", "gz"]),
     units: ["mg", "deg/s"],
     resolution: "1e-3",
-    temperature: Some("imu_degc"),
+    temperature: &["imu_degc"],
+    also: &["imu_degc"],
     ..PLAIN
 };
 
-pub(super) const ARDUINO: Layout = Layout {
+const ARDUINO: Layout = Layout {
     name: "counts of an Arduino",
     time: &[("micros", "us"), ("millis", "ms")],
     accelerometer: ["ax", "ay", "az"],
     gyroscope: Some(["gx", "gy", "gz"]),
     units: ["", ""],
     resolution: "1",
+    temperature: &["temp", "temperature", "t", "tmp"],
     is_all: true,
     ..PLAIN
 };
 
-/// What an Arduino calls its temperature.
-pub(super) const TEMPERATURES: [&str; 4] = ["temp", "temperature", "t", "tmp"];
+/// An OpenLog Artemis without its header, and imu_tk, which has none: they are known by their numbers.
+pub(super) static UNNAMED_OPENLOG: Layout = OPENLOG;
+pub(super) static IMU_TK: Layout =
+    Layout { name: "imu_tk", time: &[("", "s")], units: ["", ""], resolution: "1", ..PLAIN };
 
 impl Layout {
     /// The columns of the sensors, the times that they are sums over, and what shows the layout.
     fn needed(&self) -> impl Iterator<Item = &'static str> {
         let sensors = self.accelerometer.into_iter().chain(self.gyroscope.into_iter().flatten());
-        sensors.chain(self.temperature).chain(self.also.iter().copied()).chain(self.durations.into_iter().flatten())
+        sensors.chain(self.also.iter().copied()).chain(self.durations.into_iter().flatten())
     }
 
     /// Whether a header with these columns is of the layout.
     pub(super) fn fits(&self, bases: &[String]) -> bool {
         let has = |wanted: &str| bases.iter().any(|base| base == wanted);
         let time = self.time.iter().find(|(column, _)| has(column));
+        let temperature = self.temperature.iter().find(|column| has(column)).copied();
         let is_known = |base: &String| {
-            self.needed().chain(time.map(|(column, _)| *column)).any(|column| column == base)
-                || self.name == ARDUINO.name && TEMPERATURES.contains(&base.as_str())
+            let named = time.map(|(column, _)| *column).into_iter().chain(temperature);
+            self.needed().chain(named).any(|column| column == base)
         };
         time.is_some()
             && self.needed().all(has)
             && (!self.is_all || bases.iter().all(|base| is_known(base) || base.is_empty()))
+    }
+
+    /// What the numbers of accelerometers (0) or gyroscopes (1) are.
+    pub(super) fn numbers(&self, index: usize) -> ColumnNumbers {
+        match self.units[index] {
+            "" => ColumnNumbers::Counts,
+            unit => ColumnNumbers::Unit(unit, self.resolution),
+        }
     }
 }

@@ -149,7 +149,7 @@ impl TextAxes {
 
     /// A pulse, and the largest reading \[m/s2 or rad/s\]. `section` is that of the mapping, `units` those it may have.
     pub(super) fn scale(&self, section: &str, units: &str) -> Result<(f64, Option<f64>), String> {
-        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole) {
+        if self.unit.is_none() && (self.offset != 0.0 || self.all_whole || self.are_counts()) {
             return Err(format!(
                 "{section}: the numbers look like counts; if they are readings, give its unit: {units}; otherwise \
                  the scale of a count"

@@ -1,7 +1,6 @@
 //! The pulses of counts, and of rates over a gate.
 
 use super::super::columns::{Kind, Sensors};
-use super::super::found::shown;
 use super::bad_rows::{Fault, RowRefusal};
 use super::marks::Number;
 use isotherm_recording::csv::{CsvColumn, Rows};
@@ -105,4 +104,9 @@ impl PulseCounts {
         };
         Some(Finding::warning(name::COUNTS_OR_RATES, message))
     }
+}
+
+/// A number to four digits.
+fn shown(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
