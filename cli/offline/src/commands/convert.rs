@@ -29,8 +29,8 @@ use tracing::info;
 /// Converts text, NovAtel logs, ROS messages, and logs of autopilots.
 ///
 /// A text (CSV, with any separator) needs a mapping file, which describes its columns, unless their names say all. The
-/// mapping that is used, or proposed, is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII, sensor_msgs/msg/Imu in MCAP, ULog of PX4, and
-/// DataFlash of ArduPilot (.bin, or .log as text) need none.
+/// mapping that is used, or proposed, is printed. NovAtel RAWIMU, RAWIMUX, RAWIMUS and RAWIMUSX in ASCII,
+/// sensor_msgs/msg/Imu in MCAP, ULog of PX4, and DataFlash of ArduPilot (.bin, or .log as text) need none.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  isotherm convert logger.csv --mapping logger.toml -o run.csv\n  isotherm convert span.log --temperature 31.5 -o run.mcap\n  isotherm convert drive.mcap --topic /imu/data_raw -o run.csv\n  isotherm convert flight.ulg --instance 0 -o run.csv\n  isotherm convert flight.BIN -o 'run-{instance}.csv'\n  isotherm convert cold.csv warm.csv --mapping logger.toml -o runs/\n  isotherm convert mems.csv --mapping mems.toml -o run.csv --nominal imu-b.toml --imu imu-b"

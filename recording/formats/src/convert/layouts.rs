@@ -78,15 +78,17 @@ fn by_names(looked: &LookedTable) -> Option<(&'static Layout, LayoutColumns)> {
 /// Layouts whose rows show what they are.
 fn by_numbers(looked: &LookedTable) -> Option<(&'static Layout, LayoutColumns)> {
     let columns = &looked.columns;
-    let numeric = |from: usize| columns[from..].iter().all(LookedColumn::is_numeric);
-    if columns.len() == 13 && numeric(2) && columns[1].has_times() && !columns[0].is_numeric() {
+    // Rows may end in separators.
+    let width = columns.iter().rposition(LookedColumn::is_numeric).map_or(0, |last| last + 1);
+    let numeric = |from: usize| columns[from..width].iter().all(LookedColumn::is_numeric);
+    if width == 13 && numeric(2) && columns[1].has_times() && !columns[0].is_numeric() {
         let sensors = [Some([2, 3, 4]), Some([5, 6, 7])];
         let time = (1, "iso8601");
         return Some((&UNNAMED_OPENLOG, LayoutColumns { time, sensors, durations: [None; 2], temperature: Some(11) }));
     }
     let are_counts = || columns[1..].iter().all(|column| column.values.iter().all(|value| value.fract() == 0.0));
     let rises = |values: &[f64]| values.windows(2).all(|pair| pair[0] <= pair[1]) && values.first() < values.last();
-    let is_imu_tk = columns.len() == 4
+    let is_imu_tk = width == 4
         && columns.iter().all(|column| column.is_exponential)
         && numeric(0)
         && rises(&columns[0].values)

@@ -157,23 +157,18 @@ impl TextOpening {
         })
     }
 
-    /// The table that a mapping of these names reads. In a text of several tables it may be another one than
-    /// [`table`](Self::table).
+    /// The table that a mapping of these names reads. If [`table`](Self::table) has other names, it is what stands below
+    /// these names.
     pub(super) fn with_names(&self, wanted: &[&str]) -> Option<Table> {
         let has_all = |header: &ColumnNames| wanted.iter().all(|name| header.has(name));
+        let below = |at: usize, separator: Separator| {
+            let header = Some(self.header(at, separator)).filter(has_all)?;
+            let (width, first) = (header.names.len(), header.last + 1);
+            Some(Table { separator, header: Some(header), width, first, checksums: self.checksums })
+        };
         let table = self.table().filter(|table| table.header.as_ref().is_some_and(has_all));
-        table.or_else(|| {
-            (0..self.lines.len().min(SEARCHED)).find_map(|at| {
-                let headers = Separator::ALL.map(|separator| (separator, self.header(at, separator)));
-                let named: Vec<_> = headers.into_iter().filter(|(_, header)| has_all(header)).collect();
-                let fitting =
-                    named.iter().position(|(separator, header)| self.rows_of(at, header, *separator).is_some());
-                let (separator, header) = named.into_iter().nth(fitting.unwrap_or(0))?;
-                let (separator, first) = self.rows_of(at, &header, separator).unwrap_or((separator, header.last + 1));
-                let width = header.names.len();
-                Some(Table { separator, header: Some(header), width, first, checksums: self.checksums })
-            })
-        })
+        let searched = 0..self.lines.len().min(SEARCHED);
+        table.or_else(|| searched.into_iter().find_map(|at| Separator::ALL.into_iter().find_map(|of| below(at, of))))
     }
 
     /// The table that a mapping of columns with these numbers, from 1, reads.
@@ -222,35 +217,37 @@ impl TextOpening {
             return None;
         }
         let next = self.lines[at + 1..].iter().find(|line| uncommented(&line.text).is_none());
-        let is_followed = match next {
-            Some(next) => is_alike(&fields, &next.fields(separator)),
-            None => header.is_some(),
-        };
+        let is_followed = header.is_some() || next.is_some_and(|next| is_alike(&fields, &next.fields(separator)));
         let (width, first) = (fields.len(), self.lines[at].number);
         is_followed.then_some(Table { separator, header, width, first, checksums: self.checksums })
     }
 
-    /// Whether the commas that separate these fields of a row are decimal marks, too: of the names above it there are half
-    /// as many or more, but not as many.
+    /// Whether the commas that separate these fields of a row are decimal marks, too: there are half as many names above
+    /// it, or more, but not as many.
     fn splits_numbers(&self, at: usize, fields: &[String]) -> bool {
         let names = (0..at).map(|index| self.header(index, Separator::Comma).names);
         let mut names = names.filter(|names| is_row(fields) && is_names(names));
         names.any(|names| (names.len() + 1..=2 * names.len()).contains(&fields.len()))
     }
 
-    /// The names of as many columns, above a row: in the nearest line that fits.
+    /// The names of as many columns, above a row: in the nearest line that fits, if there is one without numbers, as
+    /// those of a row with a damaged field.
     fn header_above(&self, at: usize, separator: Separator, width: usize) -> Option<ColumnNames> {
-        (0..at).rev().find_map(|index| {
-            let is_comment = uncommented(&self.lines[index].text).is_some();
-            // A sentence has as many words as there are columns, now and then.
-            let is_right = |other: &Separator| *other == separator || is_comment || *other != Separator::Spaces;
-            Separator::ALL.into_iter().filter(is_right).find_map(|separator| {
-                let of = |index: usize| Some(self.header(index, separator)).filter(|header| is_names(&header.names));
-                let header = of(index).filter(|header| header.names.len() == width)?;
-                let above = index.checked_sub(1).and_then(of).filter(|above| above.last == header.line);
-                Some(above.unwrap_or(header))
+        let nearest = |has_numbers: bool| {
+            (0..at).rev().find_map(|index| {
+                let is_comment = uncommented(&self.lines[index].text).is_some();
+                // A sentence has as many words as there are columns, now and then.
+                let is_right = |other: &Separator| *other == separator || is_comment || *other != Separator::Spaces;
+                Separator::ALL.into_iter().filter(is_right).find_map(|separator| {
+                    let is_it = |names: &[String]| is_names(names) && is_row(names) == has_numbers;
+                    let of = |index: usize| Some(self.header(index, separator)).filter(|header| is_it(&header.names));
+                    let header = of(index).filter(|header| header.names.len() == width)?;
+                    let above = index.checked_sub(1).and_then(of).filter(|above| above.last == header.line);
+                    Some(above.unwrap_or(header))
+                })
             })
-        })
+        };
+        nearest(false).or_else(|| nearest(true))
     }
 
     /// A line as the names of the columns, and as those of their units the next one.
@@ -284,20 +281,6 @@ impl TextOpening {
             }
         }
         ColumnNames { line: line.number, last, names, others }
-    }
-
-    /// What separates the rows below a header, and the line of the first.
-    fn rows_of(&self, at: usize, header: &ColumnNames, separator: Separator) -> Option<(Separator, u64)> {
-        let below = || self.lines[at..].iter().filter(|line| line.number > header.last);
-        let fits = |separator: Separator| {
-            let row = |line: &&OpeningLine| {
-                let fields = line.fields(separator);
-                fields.len() == header.names.len() && fields.iter().any(|field| is_value(field))
-            };
-            below().find(row).map(|line| (separator, line.number))
-        };
-        let others = Separator::ALL.into_iter().filter(|other| *other != separator);
-        std::iter::once(separator).chain(others).find_map(fits)
     }
 }
 

@@ -58,7 +58,7 @@ impl ColumnRoles {
         let time = names.time();
         let taken = |column: usize| matches!(time, Role::Known((time, _)) if time == column);
         let accelerometer = match names.triad(Quantity::Acceleration, ColumnHeading::accelerometer) {
-            Role::Absent => Role::Open((0..looked.columns.len()).filter(|column| !taken(*column)).collect()),
+            Role::Absent => Role::Open(names.find(|column| !taken(column) && looked.columns[column].is_numeric())),
             found => found,
         };
         let gyroscope = names.triad(Quantity::Rate, ColumnHeading::gyroscope);

@@ -142,6 +142,15 @@ fn the_time_and_the_temperature_are_those_of_the_names() {
 }
 
 #[test]
+fn a_row_with_a_damaged_field_is_not_taken_for_the_names() {
+    let (_, mapping) = complete("t_s,ax_g,ay,az\n1,ERR,0.5,9.8\n1.01,0.25,0.5,9.8\n1.02,0.25,0.5,9.8\n");
+    assert_eq!(mapping.accelerometer.columns, ["ax_g", "ay", "az"].map(name));
+    // Axes may be called by numbers.
+    let proposal = open("t_s,1,2,3\n1,0.25,0.5,9.8\n", &["accelerometer.columns", "accelerometer.unit"]);
+    assert!(proposal.contains("# three of \"1\", \"2\", \"3\"\n"), "{proposal}");
+}
+
+#[test]
 fn names_are_quoted_as_toml_and_for_a_terminal() {
     let text = "t_s,a\u{1b}[2J x,a\\y,\"a \"\"z\"\"\"\n1,1,2,3\n2,1,2,3\n";
     let proposal = open(text, &["accelerometer.columns", "accelerometer.unit"]);
