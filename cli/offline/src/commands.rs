@@ -37,8 +37,6 @@ pub enum OfflineCommand {
     Replay(replay::Replay),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]
-    #[command(arg = no_domain())]
-    #[allow(missing_docs, reason = "as above")]
     Convert(convert::Convert),
     #[command(arg = no_domain())]
     #[allow(missing_docs, reason = "as above")]

@@ -218,7 +218,7 @@ fn the_summary_counts_the_rows_that_are_in_the_files() {
             let name = if stream == "raw" || file == "r.mcap" { file } else { "r.increments.csv" };
             let (code, said, error) = run(&domain, &["check", name]);
             assert_eq!(code, Some(0), "{error}");
-            let rows = said.split(stream).nth(1).unwrap().trim_start_matches(['s', ':', ' ']);
+            let rows = said.rsplit(stream).next().unwrap().trim_start_matches(['s', ':', ' ']);
             rows.split(' ').next().unwrap().parse::<u64>().unwrap()
         };
         let mut lost = 0;

@@ -410,5 +410,5 @@ fn a_part_of_the_columns_of_a_whole_imu_is_refused_by_name() {
     odd.rows[4].push("SN 42".to_owned());
     odd.write(&domain.path("odd.mcap"));
     let cause = "message 5: device is not a text of 16 hexadecimal digits";
-    assert_refused(&domain, &["replay", "--table", "imu-g.toml", "odd.mcap"], 65, cause);
+    assert_refused(&domain, &["replay", "--table", "imu-g.toml", "--other-imu", "odd.mcap"], 65, cause);
 }
