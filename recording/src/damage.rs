@@ -73,8 +73,8 @@ impl DamagedPlaces {
         self.first.get_or_insert(DamagedPlace { place, before, cause });
     }
 
-    /// What was left out of a recording with these rows; `None` if nothing is damaged. It is a fault where there is more
-    /// than one damaged place in 20 rows.
+    /// What was left out of a recording with these rows; `None` if nothing is damaged. It is a fault where there is
+    /// more than one damaged place in 20 rows.
     #[must_use]
     pub fn finding(&self, whole: RowsBefore) -> Option<Finding> {
         let DamagedPlace { place, before, cause } = self.first.as_ref()?;

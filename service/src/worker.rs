@@ -48,7 +48,7 @@ use turns::{Idle, Queues, Turns};
 use wait::{Wait, Waiter};
 
 /// How long a worker may take to end after it was requested to stop.
-const STOP_TIMEOUT: Duration = Duration::from_secs(2);
+const STOP_TIMEOUT: Duration = Duration::from_secs(4);
 
 /// A running worker.
 pub struct Worker {

@@ -421,7 +421,8 @@ impl<'a> RecordingReader<'a> {
         let measurements = read_measurements(campaign, marked(&mut rows, &mut marks));
         origin.rows.push(marks);
         bar.finish();
-        let measurements = measurements.map_err(|error| rows.failure(&error))?;
+        let mut measurements = measurements.map_err(|error| rows.failure(&error))?;
+        measurements.findings.extend(found_in(&rows));
         origin.notes.extend(rows.notes());
         origin.places = rows.places().clone();
         origin.samples_sha256 = rows.sha256()?;
@@ -460,7 +461,8 @@ impl<'a> RecordingReader<'a> {
     fn ramps(&self, campaign: &Campaign, paths: &[PathBuf]) -> Result<Vec<RecordingInput<RampRecording>>, Failure> {
         let bar = (self.bar)(paths, "reading ramps");
         let read = |(path, ramp): (&PathBuf, &Ramp)| {
-            self.recording(path, &bar, |rows| RampRecording::read(ramp.samples.clone(), rows), |recording, _| recording)
+            let recording = |rows: &mut dyn Iterator<Item = Row>| RampRecording::read(ramp.samples.clone(), rows);
+            self.recording(path, &bar, recording, |recording, rows| recording.with_findings(found_in(rows)))
         };
         let all = paths.iter().zip(&campaign.ramps).map(read).collect();
         bar.finish();

@@ -196,8 +196,10 @@ fn calibrate_reports_what_is_wrong_and_where() {
     write(&no_up, &samples);
     let err = refused(78, &[]);
     assert!(err.contains("A3: K+ ") && err.contains("one with A3 pointing up"), "{err}");
-    write(&campaign, &samples.replacen("\n-25,1,3,", "\n-25,one,3,", 1));
-    assert!(refused(65, &[]).contains("samples.csv:5: position is \"one\""));
+    write(&campaign, &samples.replacen("\n-25,1,3,", "\n-25,99,3,", 1));
+    let damaged = "samples.csv: 1 damaged place is left out; the first is line 5, behind row 3, ";
+    let err = refused(65, &["--strict"]);
+    assert!(err.contains(damaged) && err.contains("position is \"one\""), "{err}");
     let missing: String =
         samples.lines().filter(|line| !line.starts_with("5,8,")).map(|line| format!("{line}\n")).collect();
     write(&campaign, &missing);
@@ -398,7 +400,7 @@ fn json_is_one_document_also_of_a_failure() {
     assert_eq!((&document["file"], &document["line"]), (&"campaign.toml".into(), &5.into()));
     write("campaign.toml", &campaign);
     assert_eq!(failed(74, &["calibrate", "turntable", "none.toml", "-o", "t.toml"])["file"], "none.toml");
-    write("samples.csv", &samples.replacen("\n-25,1,3,", "\n-25,one,3,", 1));
+    write("samples.csv", &samples.replacen("\n-25,1,3,", "\n-25,99,3,", 1));
     let document = failed(65, &calibrate);
     assert_eq!((&document["file"], &document["line"]), (&"samples.csv".into(), &5.into()));
     write("samples.csv", &samples);

@@ -121,5 +121,5 @@ fn what_cannot_be_sessions_is_refused_and_check_knows_a_recording() {
     run(folder, 0, &["convert", "--mapping", "m.toml", "a.csv", "b.csv", "--session", "5", "-o", "runs"]);
     assert!(fs::read_to_string(folder.join("runs/b.csv")).unwrap().contains("\n6,0,"));
     let (out, _) = run(folder, 0, &["check", "runs/a.csv"]);
-    assert!(out.contains("runs/a.csv: recording in CSV, raw 2 rows of 1 session"), "{out}");
+    assert!(out.contains("runs/a.csv: recording in CSV, raw: 2 rows"), "{out}");
 }

@@ -136,7 +136,7 @@ fn what_is_no_ramp_is_refused() {
     fs::write(path.join("short.csv"), short).unwrap();
     fs::write(path.join("constant.csv"), constant.collect::<String>()).unwrap();
     fs::write(path.join("copy.csv"), &ramp).unwrap();
-    fs::write(path.join("words.csv"), ramp.replacen("\n100,", "\nx,", 1)).unwrap();
+    fs::write(path.join("words.csv"), ramp.replacen("\n100,", "\n1,", 1)).unwrap();
     let (head, _) = text.split_once("[[ramp]]").unwrap();
     let with = |ramps: &[&str]| {
         ramps.iter().fold(head.to_owned(), |text, name| text + &format!("[[ramp]]\nsamples = {name:?}\n"))
@@ -153,7 +153,7 @@ fn what_is_no_ramp_is_refused() {
         (with(&["ramp-1.csv", "copy.csv"]), 65, "copy.csv has rows of ramp-1.csv"),
         (with(&["ramp-1.csv", "./ramp-1.csv"]), 65, "has rows of ramp-1.csv"),
         (with(&["ramp-1.csv", "ramp-1.csv"]), 78, "is there twice"),
-        (with(&["words.csv"]), 65, "words.csv:102: sequence is \"x\""),
+        (with(&["words.csv"]), 65, "words.csv:102: sequence 1 after 99"),
         (change("imu = \"imu-paper\"", "imu = \"other\""), 78, "this table belongs to imu-paper, not to other"),
         (
             change("= \"V\"", "= \"degC\""),

@@ -9,9 +9,7 @@ mod turntable;
 mod warm_up;
 
 use clap::{Args, Subcommand};
-use isotherm_pipeline::CampaignFile;
 use isotherm_support::failure::Failure;
-use std::path::Path;
 use tumble::Tumble;
 use turntable::Turntable;
 use warm_up::WarmUp;
@@ -50,10 +48,4 @@ impl Calibrate {
             Job::WarmUp(warm_up) => warm_up.run(verbose),
         }
     }
-}
-
-/// The subcommand that takes a campaign file.
-fn job_of_campaign(path: &Path) -> &'static str {
-    let campaigns = CampaignFile::read(path).and_then(|file| file.campaigns()).unwrap_or_default();
-    if campaigns.iter().any(|campaign| campaign.is_tumble) { "tumble" } else { "turntable" }
 }

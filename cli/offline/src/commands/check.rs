@@ -9,7 +9,9 @@ use isotherm_recording_formats::read::RecordingContents;
 use isotherm_shared::document::Document;
 use isotherm_shared::kind::FileKind;
 use isotherm_support::failure::{Exit, Failure, shown};
+use isotherm_support::finding::name;
 use std::path::Path;
+use tracing::warn;
 
 /// What is validated here. Files of a service and of an automatic campaign are named, and not read.
 pub const CHECKED_FILES: CheckedFiles = CheckedFiles {
@@ -40,11 +42,12 @@ fn laboratory_file(kind: FileKind, text: &str, path: &Path) -> Result<String, Fa
 /// Reads a recording from beginning to end.
 fn recording(path: &Path) -> Result<String, Failure> {
     let RecordingContents { format, rows, findings } = RecordingContents::of(&isotherm_files::source(path))?;
-    if !findings.is_empty() {
-        let lines: Vec<_> =
-            findings.iter().map(|finding| finding.tagged(|line| line.to_string()).to_string()).collect();
+    let lines: Vec<_> = findings.iter().map(|finding| finding.tagged(|line| line.to_string()).to_string()).collect();
+    if findings.iter().any(|finding| finding.name == name::BAD_ROWS) {
         return Err(Failure::new(Exit::Data, lines.join("\n")).at(path, None));
     }
+    // A recorder that was killed leaves such a file.
+    lines.iter().for_each(|line| warn!("{line}"));
     let counted =
         |(stream, rows): (&String, &u64)| format!("{stream}: {rows} row{}", if *rows == 1 { "" } else { "s" });
     let rows: Vec<_> = rows.iter().map(counted).collect();

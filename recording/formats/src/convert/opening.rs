@@ -3,7 +3,7 @@
 mod units;
 
 use super::calendar;
-use super::proposal::BY_PYTHON;
+use super::refused::BY_PYTHON;
 use isotherm_recording::RecordingError;
 use isotherm_recording::csv::{Checksum, Rows, Separator, looks_like_number};
 use std::io::{BufRead as _, BufReader, Cursor, Read};
@@ -157,8 +157,8 @@ impl TextOpening {
         })
     }
 
-    /// The table that a mapping of these names reads. If [`table`](Self::table) has other names, it is what stands below
-    /// these names.
+    /// The table that a mapping of these names reads. If [`table`](Self::table) has other names, it is what stands
+    /// below these names.
     pub(super) fn with_names(&self, wanted: &[&str]) -> Option<Table> {
         let has_all = |header: &ColumnNames| wanted.iter().all(|name| header.has(name));
         let below = |at: usize, separator: Separator| {
@@ -222,8 +222,8 @@ impl TextOpening {
         is_followed.then_some(Table { separator, header, width, first, checksums: self.checksums })
     }
 
-    /// Whether the commas that separate these fields of a row are decimal marks, too: there are half as many names above
-    /// it, or more, but not as many.
+    /// Whether the commas that separate these fields of a row are decimal marks, too: there are half as many names
+    /// above it, or more, but not as many.
     fn splits_numbers(&self, at: usize, fields: &[String]) -> bool {
         let names = (0..at).map(|index| self.header(index, Separator::Comma).names);
         let mut names = names.filter(|names| is_row(fields) && is_names(names));

@@ -17,9 +17,6 @@ use std::path::Path;
 #[cfg(test)]
 mod tests;
 
-/// What reads every text.
-pub(super) const BY_PYTHON: &str = "read the text with pandas or polars, and give the frame to Python's \
-     calibrate_warm_up, calibrate_tumble or noise: docs/your-data.md#in-python";
 /// Most columns that are listed.
 const LISTED: usize = 40;
 

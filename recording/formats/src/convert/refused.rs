@@ -16,6 +16,9 @@ pub(super) fn reason(beginning: &[u8]) -> Option<String> {
     known.map(str::to_owned).or_else(|| telemetry_log::reason(beginning))
 }
 
+/// What reads every text.
+pub(super) const BY_PYTHON: &str = "read the text with pandas or polars, and give the frame to Python's \
+     calibrate_warm_up, calibrate_tumble or noise: docs/your-data.md#in-python";
 /// How data begin, and what they are, with the way to a format that is read.
 const KNOWN: [(&[u8], &str); 27] = [
     (

@@ -83,7 +83,7 @@ impl StampedRows {
         Ok(rows)
     }
 
-    /// Judges the stamps as those of the rows, or else as those of their arrival.
+    /// Judges the stamps as those of the rows, or as those of their arrival.
     ///
     /// # Errors
     /// If they are those of arrival, and do not show how many rows are lost.

@@ -3,11 +3,12 @@
 //! What a chunk unpacks to is refused by its header, before anything of it is unpacked; then no more is unpacked than
 //! the header says. Zeros that are packed a thousand times over would take hours.
 
-use super::summary::{HEAD, parts};
 use isotherm_recording::steps;
 use std::error::Error;
 use std::io::Read;
 
+/// Opcode and length of a record.
+pub(crate) const HEAD: usize = 9;
 /// Longest record or chunk that is read, packed and unpacked \[bytes\]. Common writers make chunks of about 1 MB.
 pub(crate) const MAX_RECORD: usize = 64 << 20;
 /// What the chunks of a file may unpack to \[bytes\]: so much, and beyond it so many times the length of the file.
@@ -20,6 +21,12 @@ const BYTES_A_STEP: u64 = 16;
 const ZSTD_WINDOW: usize = 8 << 20;
 /// What is said of a chunk that does not match its checksum.
 const UNMATCHED: &str = "the chunk does not match its check";
+
+/// Opcode and length of a record.
+pub(crate) fn parts(bytes: &[u8]) -> Option<(u8, u64)> {
+    let (opcode, rest) = bytes.split_first()?;
+    Some((*opcode, u64::from_le_bytes(*rest.first_chunk()?)))
+}
 
 /// What a file unpacks to.
 #[derive(Default)]

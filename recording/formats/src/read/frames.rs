@@ -1,8 +1,7 @@
 //! The records of an MCAP file as they stand in its bytes, and where the next whole chunk is behind damage.
 
-use super::chunk::{Chunk, MAX_RECORD};
+use super::chunk::{Chunk, HEAD, MAX_RECORD, parts};
 use super::panics::catch_panic;
-use super::summary::{HEAD, parts};
 use isotherm_recording::columns::MCAP_MAGIC;
 use isotherm_recording::steps;
 use mcap::records::op;
@@ -13,7 +12,8 @@ use std::ops::Range;
 const BUFFER: usize = 1 << 18;
 /// The parts of a chunk before its records: opcode, length, times, size, CRC, a name of up to 4 letters, size.
 const CHUNK_HEAD: usize = HEAD + 44;
-/// Bytes of candidates that are unpacked, in multiples of what was read, before the search for whole chunks is given up.
+/// Bytes of candidates that are unpacked, in multiples of what was read, before the search for whole chunks is given
+/// up.
 const PATIENCE: u64 = 8;
 /// Bytes that are looked through in one step of work.
 const BYTES_A_STEP: u64 = 16;

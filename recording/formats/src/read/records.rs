@@ -1,15 +1,15 @@
 //! The schemas, channels and messages of an MCAP file, from beginning to end.
 //!
 //! A chunk whose index says that all of its messages are of unwanted channels is not unpacked. A chunk has a CRC, and
-//! one that does not match it is left out and counted. What is outside of chunks has a CRC at the end of a file that was
-//! ended. Where it was not, a record of another kind than it was written as must not be taken for rows, nor hide any.
+//! one that does not match it is left out and counted. What is outside of chunks has a CRC at the end of a file that
+//! was ended. Where it was not, a record of another kind than it was written as must not be taken for rows, nor hide
+//! any.
 
-use super::chunk::{Chunk, ChunkBuffer};
+use super::chunk::{Chunk, ChunkBuffer, HEAD};
 use super::frames::{Frame, Frames, unpacked};
 use super::panics::catch_panic;
 use super::plausible::{foreign, foreign_to_chunk, impossible, is_own};
 use super::skip::{ChannelFilter, ChunkIndex};
-use super::summary::HEAD;
 use isotherm_recording::steps;
 use isotherm_recording::{DamagedPlaces, RecordingError, RowsBefore};
 use isotherm_support::finding::Finding;
@@ -192,7 +192,8 @@ impl Records {
         }
     }
 
-    /// The next record of the chunk that is read; `None` behind it. A chunk with what no chunk has is left out from there.
+    /// The next record of the chunk that is read; `None` behind it. A chunk with what no chunk has is left out from
+    /// there on.
     fn of_chunk(&mut self) -> Option<Record<'static>> {
         let (chunk, place) = self.chunk.as_mut()?;
         let (place, is_own) = (*place, self.is_own);

@@ -1,6 +1,6 @@
 //! The summary at the end of an MCAP file, and single records of a file.
 
-use super::chunk::MAX_RECORD;
+use super::chunk::{HEAD, MAX_RECORD, parts};
 use super::panics::catch_panic;
 use super::plausible::impossible;
 use super::random::RandomAccess;
@@ -9,8 +9,6 @@ use mcap::parse_record;
 use mcap::records::{Record, op};
 use std::io;
 
-/// Opcode and length of a record.
-pub(crate) const HEAD: usize = 9;
 /// A footer with its head, and the last bytes of a file.
 const END: u64 = 37;
 /// Length of the record that says where a group of records of the summary is, and how many groups there can be.
@@ -55,12 +53,6 @@ pub(crate) fn summary(file: &RandomAccess) -> io::Result<(Vec<Record<'static>>, 
         rest = &rest[HEAD + content.len()..];
     }
     Ok((records, true))
-}
-
-/// Opcode and length of a record.
-pub(crate) fn parts(bytes: &[u8]) -> Option<(u8, u64)> {
-    let (opcode, rest) = bytes.split_first()?;
-    Some((*opcode, u64::from_le_bytes(*rest.first_chunk()?)))
 }
 
 /// A record outside of chunks; `None` if it is damaged.

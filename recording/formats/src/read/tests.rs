@@ -211,7 +211,8 @@ fn a_text_longer_than_its_record_is_left_out() {
         let mut bytes = whole.clone();
         bytes[place - 4..place].copy_from_slice(&0xffff_fff0_u32.to_le_bytes());
         fs::write(&path, &bytes).unwrap();
-        let opened = Samples::open(&sources(&[path.clone()]).unwrap(), ImuChoice::Any, &Progress::default());
+        let opened =
+            Samples::open(&sources(std::slice::from_ref(&path)).unwrap(), ImuChoice::Any, &Progress::default());
         let mut samples = opened.unwrap();
         assert_eq!(samples.by_ref().map(Result::unwrap).count(), 40);
         let findings = samples.recording().findings();
@@ -281,8 +282,8 @@ fn damage(random: &mut TestRandom, whole: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Any damaged file gives samples, and what is left out is named, or it is refused as bad data, with a place. It is never
-/// an error of the operating system, and never a panic, and no row of MCAP is another one than was recorded.
+/// Any damaged file gives samples, and what is left out is named, or it is refused as bad data, with a place. It is
+/// never an error of the operating system, and never a panic, and no row of MCAP is another one than was recorded.
 /// `ISOTHERM_MUTATIONS` sets how many damaged files of each kind are read, from the first one or the one that
 /// `ISOTHERM_MUTATION` names on.
 #[test]
@@ -300,8 +301,8 @@ fn damaged_files_are_read_up_to_what_is_damaged() {
         for round in begin..begin + count {
             fs::write(&path, damage(&mut TestRandom(round), &whole)).unwrap();
             let input = ImuChoice::Only(a.clone());
-            let read =
-                Samples::open(&sources(&[path.clone()]).unwrap(), input, &Progress::default()).and_then(|mut it| {
+            let read = Samples::open(&sources(std::slice::from_ref(&path)).unwrap(), input, &Progress::default())
+                .and_then(|mut it| {
                     let rows = it.by_ref().collect::<Result<Vec<_>, _>>()?;
                     Ok((rows, it.recording().findings()))
                 });

@@ -9,7 +9,7 @@ use std::mem::replace;
 
 /// Longest block \[bytes\], which is also how far back a match is.
 const BLOCK: usize = 1 << 17;
-/// Lengths of the texts that are sought: a long one, or else a short one \[bytes\].
+/// Lengths of the texts that are sought: a long one first, then a short one \[bytes\].
 const LONG: usize = 8;
 const SHORT: usize = 4;
 /// Bits of the keys of the tables of places.

@@ -212,3 +212,9 @@ fn refuse_same(faults: &[Finding]) -> Result<(), JobFailure> {
     refusal.document["findings"] = findings(faults, |line| line.to_string());
     Err(refusal)
 }
+
+/// The subcommand that takes a campaign file.
+pub(super) fn job_of_campaign(path: &Path) -> &'static str {
+    let campaigns = CampaignFile::read(path).and_then(|file| file.campaigns()).unwrap_or_default();
+    if campaigns.iter().any(|campaign| campaign.is_tumble) { "tumble" } else { "turntable" }
+}

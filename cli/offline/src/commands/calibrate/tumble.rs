@@ -1,7 +1,6 @@
 //! `calibrate tumble`: a table without a turntable, from recordings in many attitudes.
 
-use super::campaign::CampaignJob;
-use super::job_of_campaign;
+use super::campaign::{CampaignJob, job_of_campaign};
 use super::outcome::fit;
 use super::table::TableArgs;
 use crate::commands::common::{ForeignArgs, or_document};

@@ -1,7 +1,6 @@
 //! `calibrate turntable`: a table from a campaign on a turntable, also of each IMU on it.
 
-use super::campaign::CampaignJob;
-use super::job_of_campaign;
+use super::campaign::{CampaignJob, job_of_campaign};
 use super::outcome::fit;
 use super::table::TableArgs;
 use crate::commands::common::or_document;

@@ -3,7 +3,7 @@
 mod export;
 mod vehicle;
 
-use super::job_of_campaign;
+use super::campaign::job_of_campaign;
 use super::outcome::{fit, tell_outcome};
 use super::table::{TableArgs, TableFiles, path_of};
 use super::tumble::is_campaign;

@@ -4,8 +4,8 @@ use super::super::roles::ColumnNumbers;
 use isotherm_shared::wire::AXES;
 
 /// Columns that a layout has: names without brackets, in lower case.
-pub(in crate::convert) struct Layout {
-    pub(in crate::convert) name: &'static str,
+pub(in super::super) struct Layout {
+    pub(in super::super) name: &'static str,
     /// The columns of the time and its unit. The first that is there is taken.
     pub(super) time: &'static [(&'static str, &'static str)],
     pub(super) accelerometer: [&'static str; AXES],
@@ -23,7 +23,7 @@ pub(in crate::convert) struct Layout {
     /// Columns of the time \[us\] that accelerations and rates are sums over.
     pub(super) durations: Option<[&'static str; 2]>,
     /// What is known of the numbers in addition, for the note.
-    pub(in crate::convert) remark: &'static str,
+    pub(in super::super) remark: &'static str,
 }
 
 pub(super) const PLAIN: Layout = Layout {
