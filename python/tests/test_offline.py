@@ -220,10 +220,10 @@ def test_a_recording_reads_back(recorded: isotherm.Records, tmp_path: Path) -> N
     # The temperature of gyroscopes that are not there is NaN, which equals nothing.
     assert isotherm.read_recording(path).tobytes() == recorded.tobytes()
     assert list(tmp_path.iterdir()) == [path]
-    with pytest.raises(isotherm.RecordingFault, match=rf"{path}:2: ") as fault:
-        path.write_text(RUN.read_text().replace("\n0,", "\n-,", 1))
+    with pytest.raises(isotherm.RecordingFault, match=rf"{path}:3: ") as fault:
+        path.write_text(RUN.read_text().replace("\n1,", "\n0,", 1))
         isotherm.read_recording(path)
-    assert fault.value.line == 2
+    assert fault.value.line == 3
     with pytest.raises(FileNotFoundError):
         isotherm.read_recording(tmp_path / "none.csv")
     with pytest.raises(isotherm.RecordingFault, match="missing columns"):

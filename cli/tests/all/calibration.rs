@@ -196,7 +196,7 @@ fn calibrate_reports_what_is_wrong_and_where() {
     write(&no_up, &samples);
     let err = refused(78, &[]);
     assert!(err.contains("A3: K+ ") && err.contains("one with A3 pointing up"), "{err}");
-    write(&campaign, &samples.replacen("\n-25,1,3,", "\n-25,99,3,", 1));
+    write(&campaign, &samples.replacen("\n-25,1,3,", "\n-25,one,3,", 1));
     let damaged = "samples.csv: 1 damaged place is left out; the first is line 5, behind row 3, ";
     let err = refused(65, &["--strict"]);
     assert!(err.contains(damaged) && err.contains("position is \"one\""), "{err}");
@@ -442,7 +442,7 @@ fn json_is_one_document_also_of_a_failure() {
     assert_eq!(failed(74, &["verify", "--table", "none.toml", "run/run.csv"])["file"], "none.toml");
     failed(74, &[&verify[..], &["--report", "nowhere/r.html"]].concat());
     let raw = fs::read_to_string(folder.path().join("run/run.csv")).unwrap();
-    write("bad.csv", &raw.replacen("\n1,", "\nx,", 1));
+    write("bad.csv", &raw.replacen("\n1,", "\n0,", 1));
     let lines = raw.lines().position(|line| line.starts_with("1,")).map(|index| index + 1);
     let document = failed(65, &["verify", "--table", "t.toml", "bad.csv"]);
     assert_eq!(

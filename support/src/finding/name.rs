@@ -274,10 +274,10 @@ findings! {
             "Do nothing if the used stretches cover the temperatures. Otherwise, record the warm-up disarmed, on firm \
              ground.";
         /// Rows hold values that no sensor measured. Examples are markers such as 0 or -32768, spikes, values that are
-        /// not numbers, temperatures that no IMU has, and values that never change. Rows of a text may also be cut or
-        /// corrupt. All of them are left out. More than 5 % of the rows is a fault; a text with more than 1 % is
-        /// refused.
-        BAD_ROWS = "bad-rows", FaultOrWarning, "Check the sensor, its cable and its logger.";
+        /// not numbers, temperatures that no IMU has, and values that never change. Rows of a text and chunks of MCAP
+        /// may also be cut or corrupt, as a disk leaves them. All of them are left out. More than 5 % of the rows is a
+        /// fault; a text of another program with more than 1 % is refused.
+        BAD_ROWS = "bad-rows", FaultOrWarning, "Check the sensor, its cable, its logger and the disk.";
         /// The thermometer stops changing while the biases continue to move. These rows are left out.
         TEMPERATURE_STUCK = "temperature-stuck", Warning,
             "Check the thermometer and its driver; record again if the remaining temperatures do not suffice.";

@@ -9,8 +9,8 @@
 //! - Stamps of arrival may step back by their jitter, and may be off the line by two intervals, or by a burst.
 //!
 //! A row that is left out takes no time with it: the rows behind it keep their stamps, and it is missing by the time.
-//! Each row of the 600 mixtures in `tests/all/convert_stamps_random.rs` has its true time, to half an interval, or is left
-//! out.
+//! Each row of the 600 mixtures in `tests/all/convert_stamps_random.rs` has its true time, to half an interval, or is
+//! left out.
 
 use super::rhythm::{Rhythm, Twice};
 use super::rollover::Rollover;
