@@ -151,13 +151,6 @@ await test("every shipped log is described as the command does it", async () => 
   }
 });
 
-await test("Parquet that is compressed with zstd is refused with the remedy", async () => {
-  await page.choose(["recording/formats/tests/data/old.parquet"]);
-  const card = await page.page.locator(".card").textContent();
-  assert.ok(card.includes("zstd") || card.includes("ZSTD"), card);
-  assert.ok(card.includes("write it with snappy"), card);
-});
-
 await test("the example is one button, and the query presets the fields", async () => {
   const preset = await IsothermPage.open(browser, html, { query: "?job=warm-up&imu=a&order=2" });
   await preset.page.click("#example");

@@ -21,7 +21,6 @@ mod piece;
 mod pieces;
 mod places;
 pub(crate) mod plausible;
-pub(crate) mod random;
 mod recognise;
 mod recording;
 pub(crate) mod records;

@@ -14,7 +14,7 @@ const IMUS: usize = 4;
 const PERIOD: Duration = Duration::from_micros(100);
 const WARM_UP: usize = 2_000;
 /// The states of alternating blocks: no recorder, then a recorder of each format.
-const STATES: [&str; 4] = ["none", "csv", "parquet", "mcap"];
+const STATES: [&str; 3] = ["none", "csv", "mcap"];
 /// `SCHED_FIFO` priorities of the service, its client and the recorder, if they are permitted.
 const PRIORITIES: (i32, i32, &str) = (50, 49, "48");
 /// Ticks of processor time in a second.

@@ -3,7 +3,6 @@
 //! The index of a chunk says which channels its messages have, not which channels it defines. So only a file whose
 //! summary matches its check and has all channels is read in this way.
 
-use super::random::RandomAccess;
 use super::summary::summary;
 use isotherm_support::source::DataSource;
 use mcap::records::{Channel, Record};
@@ -31,9 +30,9 @@ impl ChannelFilter {
     }
 
     fn summed_up(of: &DataSource, is_wanted: impl Fn(&Channel, &str) -> bool) -> Option<Self> {
-        let file = of.is_file().then(|| of.open().and_then(RandomAccess::new).ok()).flatten()?;
+        let mut file = of.is_file().then(|| of.open().ok()).flatten()?;
         let (mut schemas, mut channels, mut count) = (HashMap::new(), HashMap::new(), None);
-        let described = summary(&file).ok()?.0;
+        let described = summary(&mut file).ok()?;
         for record in &described {
             match record {
                 Record::Schema { header, .. } => drop(schemas.insert(header.id, header.name.clone())),
