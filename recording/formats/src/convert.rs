@@ -33,6 +33,7 @@ mod settings;
 mod stamp_rule;
 mod stamp_tally;
 mod stamped;
+mod stated_interval;
 mod stream;
 mod table_pulses;
 mod telemetry_log;

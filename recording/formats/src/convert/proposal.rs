@@ -5,6 +5,7 @@ use super::layouts::{self, Layout};
 use super::looked::LookedTable;
 use super::opening::TextOpening;
 use super::roles::{CELSIUS, ColumnNumbers, ColumnRoles, Role, SensorRole};
+use super::stated_interval;
 use super::unit::{self, Quantity};
 use isotherm_recording::RecordingError;
 use isotherm_recording::foreign::PLACEHOLDER;
@@ -53,7 +54,9 @@ impl ProposedMapping {
             None => (None, ColumnRoles::by_names(&looked)),
         };
         let is_without_temperature = temperature.is_none() && matches!(roles.temperature, Role::Absent);
-        let text = MappingText { looked: &looked, out: String::new() }.written(&roles, temperature);
+        let above: Vec<_> = opening.before(table.line()).iter().map(|line| printable_line(line)).collect();
+        let stated = stated_interval::interval_s(above.iter().map(String::as_str));
+        let text = MappingText { looked: &looked, stated, out: String::new() }.written(&roles, temperature);
         Ok(Self { text, layout, is_without_temperature })
     }
 
@@ -68,9 +71,16 @@ impl ProposedMapping {
     }
 }
 
+/// A line of a text, in letters that a mapping may show.
+fn printable_line(line: &[u8]) -> String {
+    printable(String::from_utf8_lossy(line).trim()).into_owned()
+}
+
 /// The text of a mapping.
 struct MappingText<'a> {
     looked: &'a LookedTable,
+    /// The interval \[s\] that a line above the header says, and that line.
+    stated: Option<(f64, &'a str)>,
     out: String,
 }
 
@@ -108,10 +118,13 @@ impl MappingText<'_> {
                 self.line(format_args!("column = \"?\""), &format!("one of {}", self.listed(columns)));
                 self.line(format_args!("unit = \"?\""), why);
             }
-            Role::Absent => {
-                let why = "nominal [s], or give --interval; or give the column of the time and its unit";
-                self.line(format_args!("interval_s = \"?\""), why);
-            }
+            Role::Absent => match self.stated {
+                Some((interval_s, line)) => self.line(format_args!("interval_s = {interval_s}"), line),
+                None => {
+                    let why = "nominal [s], or give --interval; or give the column of the time and its unit";
+                    self.line(format_args!("interval_s = \"?\""), why);
+                }
+            },
         }
     }
 

@@ -210,7 +210,7 @@ proptest! {
             let is_unsaid = |unit: &str| unit.is_empty() || ["ft", "rpm"].iter().any(|other| unit.contains(other));
             let counts = kind.thermal.is_some_and(|of| of.2 == 36.53);
             let open = [
-                ("time.interval_s", kind.time.0.is_empty()),
+                ("time.interval_s", kind.time.0.is_empty() && !kind.above),
                 ("accelerometer.unit", is_unsaid(kind.acceleration.0)),
                 ("gyroscope.unit", is_unsaid(kind.rate.0)),
                 ("temperature.scale", counts),
