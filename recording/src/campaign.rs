@@ -99,7 +99,7 @@ impl<R: Read> Iterator for CampaignCsvReader<R> {
             let row = self.samples.next()?.and_then(|sample| self.row(sample));
             match row {
                 // If the first one is damaged, all may be: it is not the file of a campaign.
-                Err(error) if !self.samples.failed && !self.is_first => self.samples.leave_out(error).ok()?,
+                Err(error) if !self.samples.failed && !self.is_first => self.samples.leave_out_last(error).ok()?,
                 row => {
                     self.is_first = false;
                     self.samples.failed |= row.is_err();

@@ -38,6 +38,8 @@ pub struct RawCsvReader<R> {
     /// Line of a truncated last row.
     truncated: Option<u64>,
     before: RowsBefore,
+    /// The rows before the last one.
+    before_last: RowsBefore,
     damaged: DamagedPlaces,
     /// The error of the first row, while none is whole.
     unread: Option<RecordingError>,
@@ -71,6 +73,7 @@ impl<R: Read> RawCsvReader<R> {
             recorded_ns: None,
             truncated: None,
             before: RowsBefore::default(),
+            before_last: RowsBefore::default(),
             damaged: DamagedPlaces::default(),
             unread: None,
             failed: false,
@@ -119,8 +122,14 @@ impl<R: Read> RawCsvReader<R> {
         self.damaged.finding(self.before)
     }
 
+    /// Leaves out the row of the last sample, for this error in its other columns.
+    pub(crate) fn leave_out_last(&mut self, error: RecordingError) -> Result<(), RecordingError> {
+        self.before = self.before_last;
+        self.leave_out(error)
+    }
+
     /// Leaves out the current row, for this error.
-    pub(crate) fn leave_out(&mut self, error: RecordingError) -> Result<(), RecordingError> {
+    fn leave_out(&mut self, error: RecordingError) -> Result<(), RecordingError> {
         let RecordingError::Data { line, message } = &error else { return Err(error) };
         self.damaged.take(format!("line {line}"), self.before, message.clone());
         if self.before.is_empty() {
@@ -134,6 +143,7 @@ impl<R: Read> RawCsvReader<R> {
             match self.row() {
                 Ok(Some(mut sample)) => {
                     self.sequence_rule.take(&mut sample).map_err(|message| self.rows.error(message))?;
+                    self.before_last = self.before;
                     self.before.take(sample.timestamp_ns);
                     return Ok(Some(sample));
                 }
