@@ -1,5 +1,7 @@
 //! The columns of recordings: one list for every format, reader and writer.
 
+pub use isotherm_shared::content::MCAP_MAGIC;
+use isotherm_shared::content::PARQUET_MAGIC;
 use isotherm_shared::names::StreamKind;
 use isotherm_shared::wire::{AXES, CompensatedIncrement, Flags, RawSample, StreamSample, Triad};
 
@@ -177,9 +179,6 @@ pub const CAMPAIGN: [Column; 2] = [
     column(0, ColumnSet::Always, "position", ColumnKind::U32, "number of the position; empty while the table moves"),
 ];
 
-use isotherm_shared::content::PARQUET_MAGIC;
-
-pub use isotherm_shared::content::MCAP_MAGIC;
 /// First bytes and names of binary files that are no text.
 pub const BINARY_FORMATS: [(&[u8], &str); 2] = [(PARQUET_MAGIC, "Parquet"), (MCAP_MAGIC, "MCAP")];
 

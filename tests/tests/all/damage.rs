@@ -118,6 +118,18 @@ fn parquet_is_refused_with_the_lines_of_python_that_read_and_write_it() {
 }
 
 #[test]
+fn increments_without_a_whole_row_are_refused_by_their_first_row() {
+    let domain = TestDomain::new();
+    domain
+        .write("increments.csv", "sequence,timestamp_ns,interval_ns,a1_dv,a2_dv,a3_dv,table,flags\n0,1,x,1,2,3,0,0\n");
+    let (code, _, said) = run(&domain, &["check", "increments.csv"]);
+    assert!(code == Some(65) && said.starts_with("isotherm: increments.csv:2: "), "{said}");
+    domain.write("neither.csv", "sequence,timestamp_ns,other\n0,1,2\n");
+    let (code, _, said) = run(&domain, &["check", "neither.csv"]);
+    assert!(code == Some(65) && said.starts_with("isotherm: neither.csv:1: missing columns: interval_ns"), "{said}");
+}
+
+#[test]
 fn an_empty_file_is_called_empty() {
     let domain = TestDomain::new();
     domain.write("imu-a.toml", isotherm_tests::TABLE);

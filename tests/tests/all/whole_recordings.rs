@@ -45,8 +45,7 @@ const GYROSCOPES: Layout = Layout { device: false, gyroscopes: true, lag: false,
 const WITH_LAG: Layout = Layout { lag: true, ..GYROSCOPES };
 const WITH_DEVICE: Layout = Layout { device: true, ..GYROSCOPES };
 
-/// The rows of a recording, which may still grow. A Parquet file is rewritten two flushes after it was opened: a reader
-/// that took longer found it damaged and has to try again, so it counts as empty.
+/// The rows of a recording, which may still grow. One that has no whole beginning yet counts as empty.
 fn rows(domain: &TestDomain, files: &[&str]) -> usize {
     let replayed = domain.run(&[&REPLAY[..], files].concat());
     if replayed.status.success() { text(&replayed.stdout).lines().count() - 1 } else { 0 }

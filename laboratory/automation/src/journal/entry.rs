@@ -85,7 +85,7 @@ pub enum Entry {
     Safe {
         /// The reason.
         reason: String,
-        /// Whether somebody has asked for it.
+        /// Whether an operator has asked for it.
         stopped: bool,
         /// The outcome for the turntable, as messages show it.
         #[serde(rename = "table")]

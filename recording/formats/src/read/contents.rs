@@ -56,7 +56,10 @@ fn of_text(source: &DataSource) -> Result<RecordingContents, Failure> {
         Err(refused) => {
             let mut rows = 0;
             let read = read_increments(source, &ImuChoice::Any, &Progress::default(), |_| rows += 1);
-            read.map(|findings| of("increments", rows, findings)).map_err(|_| refused)
+            // A header with the columns of a stream was passed by that stream's reader.
+            let line = |failure: &Failure| failure.place.as_ref().and_then(|(_, line)| *line);
+            let further = |error: Failure| if line(&error) > line(&refused) { error } else { refused };
+            read.map(|findings| of("increments", rows, findings)).map_err(further)
         }
     }
 }
