@@ -11,7 +11,6 @@ mod feed;
 mod generate;
 mod record;
 mod relay;
-mod rollback;
 mod simulate;
 mod top;
 
@@ -20,8 +19,10 @@ use isotherm_client::Domain;
 use isotherm_demo::Demo;
 use isotherm_files::remove_unfinished_on_signals;
 use isotherm_offline::commands::OfflineCommand;
+use isotherm_service::commands::install::Install;
 use isotherm_service::commands::no_domain;
 use isotherm_service::commands::reload::Reload;
+use isotherm_service::commands::rollback::Rollback;
 use isotherm_service::commands::serve::Serve;
 use isotherm_service::commands::status::Status;
 use isotherm_support::failure::Failure;
@@ -38,6 +39,7 @@ pub(crate) enum Command {
     #[command(arg = hidden("quiet", 'q'), arg = hidden("verbose", 'v'))]
     Serve(Serve),
     Status(Status),
+    Install(Install),
     Reload(Reload),
     Top(top::Top),
     #[command(arg = no_domain())]
@@ -49,8 +51,7 @@ pub(crate) enum Command {
     Offline(OfflineCommand),
     Simulate(Box<simulate::Simulate>),
     Campaign(campaign::CampaignCommand),
-    #[command(arg = no_domain())]
-    Rollback(rollback::Rollback),
+    Rollback(Rollback),
     Relay(relay::Relay),
     Clean(clean::Clean),
     #[command(arg = no_domain())]
@@ -71,6 +72,7 @@ impl Command {
         match self {
             Self::Serve(serve) => serve.run(&domain),
             Self::Status(status) => status.run(domain),
+            Self::Install(install) => install.run(&domain),
             Self::Reload(reload) => reload.run(domain),
             Self::Top(top) => top.run(domain),
             Self::Demo(demo) => demo.run(domain),
@@ -80,7 +82,7 @@ impl Command {
             Self::Offline(offline) => offline.run(verbose, check::ALL_FILES, explain::live_topics),
             Self::Simulate(simulate) => simulate.run(&domain),
             Self::Campaign(campaign) => campaign.run(domain),
-            Self::Rollback(rollback) => rollback.run(),
+            Self::Rollback(rollback) => rollback.run(&domain),
             Self::Relay(relay) => relay.run(&domain),
             Self::Clean(clean) => clean.run(&domain),
             Self::Completions(completions) => completions.run(),

@@ -5,6 +5,7 @@ use isotherm_shared::names::Domain;
 use isotherm_support::failure::shown;
 use rustix::fs::{Access, Mode, OFlags, access, open, statvfs};
 use rustix::io::Errno;
+use rustix::process::geteuid;
 use std::fs::{self, DirBuilder, File};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
@@ -25,18 +26,28 @@ const STICKY: u32 = 0o1000;
 /// [`ConnectError::Permission`] or [`ConnectError::Foreign`] if not, and [`ConnectError::Transport`] if it is not
 /// usable.
 pub fn check_owner(domain: &Domain) -> Result<(), ConnectError> {
-    inspect(domain).map(drop)
+    inspect(domain, false).map(drop)
 }
 
-/// Opens the domain's folder without following a link, and checks the open folder. Returns whether it exists.
-fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
+/// Who has made the domain's folder; `None` if there is none. This is for reading what a service has noted there: root
+/// may read that of every user, and every other user that of his own domains.
+///
+/// # Errors
+/// Those of [`check_owner`].
+pub fn domain_owner(domain: &Domain) -> Result<Option<u32>, ConnectError> {
+    inspect(domain, geteuid().is_root())
+}
+
+/// Opens the domain's folder without following a link, and checks that it belongs to this user, unless it may be
+/// `of_anybody`. Returns its owner, if it exists.
+fn inspect(domain: &Domain, of_anybody: bool) -> Result<Option<u32>, ConnectError> {
     let root = domain.root_path();
-    let own = rustix::process::geteuid().as_raw();
+    let own = geteuid().as_raw();
     let foreign = |cause: String| Err(ConnectError::Foreign(cause));
     let opened = |flags| open(root, OFlags::PATH | OFlags::CLOEXEC | flags, Mode::empty());
     let mut folder = match opened(OFlags::NOFOLLOW) {
         Ok(folder) => File::from(folder),
-        Err(Errno::NOENT) => return Ok(false),
+        Err(Errno::NOENT) => return Ok(None),
         Err(Errno::ACCESS) => return Err(permission(domain, None)),
         Err(error) => return Err(failed(root, &error.to_string())),
     };
@@ -79,13 +90,13 @@ fn inspect(domain: &Domain) -> Result<bool, ConnectError> {
             foreign(cause)
         };
     }
-    if found.uid() != own {
+    if found.uid() != own && !of_anybody {
         return Err(permission(domain, Some(found.uid())));
     }
     if found.mode() & EVERYBODY != 0 {
         return foreign(format!("everybody may write {root}; chmod o-w {root}"));
     }
-    Ok(true)
+    Ok(Some(found.uid()))
 }
 
 /// Creates the domain's folder if necessary, and checks that it is this user's, is writable and has space for the small
@@ -98,7 +109,7 @@ pub fn prepare(domain: &Domain) -> Result<(), ConnectError> {
     const FILES: u64 = 64;
     let root = domain.root_path();
     let failed = |cause: String| failed(root, &cause);
-    if !inspect(domain)? {
+    if inspect(domain, false)?.is_none() {
         let parent = Path::new(root).parent().unwrap_or(Path::new("/"));
         DirBuilder::new().recursive(true).mode(0o750).create(parent).map_err(|error| failed(error.to_string()))?;
         // This one call never follows a link; if somebody else was faster, the inspection below finds out who.
@@ -106,7 +117,7 @@ pub fn prepare(domain: &Domain) -> Result<(), ConnectError> {
             Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(error.to_string())),
             _ => {}
         }
-        inspect(domain)?;
+        inspect(domain, false)?;
     }
     access(root, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| failed(error.to_string()))?;
     let Ok(room) = statvfs(root) else { return Ok(()) };

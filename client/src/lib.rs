@@ -110,7 +110,7 @@ pub use connect::{
     sweep_half_created,
 };
 pub use error::{ConnectError, shortage};
-pub use folder::{check_owner, prepare};
+pub use folder::{check_owner, domain_owner, prepare};
 pub use isotherm_shared::lag::{Lag, LaggedReading};
 pub use isotherm_shared::names::{Domain, DomainError, ImuId};
 pub use isotherm_shared::readings::{ReadingError, Resolution};

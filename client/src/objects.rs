@@ -9,13 +9,14 @@ pub(crate) use crate::transport::own_storage::SHARED_MEMORY;
 use crate::transport::stream::CREATION_TIMEOUT;
 use isotherm_shared::names::{Domain, ImuId};
 use isotherm_support::failure::shown;
-use rustix::fs::{Mode, OFlags, open};
+use rustix::fs::{AtFlags, Mode, OFlags, open, openat, renameat, unlinkat};
+use rustix::process::geteuid;
 use std::collections::HashMap;
 use std::fs::{self, DirEntry, File, Metadata, Permissions};
 use std::hash::{BuildHasher as _, RandomState};
 use std::io::{self, Read as _, Write as _};
 use std::os::fd::AsRawFd as _;
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
@@ -123,7 +124,7 @@ fn own_file(entry: &DirEntry) -> Option<OwnFile> {
 
 /// Whether it is a regular file of this user.
 pub(crate) fn is_own(found: &Metadata) -> bool {
-    found.is_file() && found.uid() == rustix::process::geteuid().as_raw()
+    found.is_file() && found.uid() == geteuid().as_raw()
 }
 
 pub(crate) fn entries(folder: &Path, prefix: &str) -> impl Iterator<Item = DirEntry> + use<> {
@@ -224,28 +225,39 @@ impl Note {
     /// What is in it; `None` if it is not there, or is not this user's.
     #[must_use]
     pub fn read(&self) -> Option<Vec<u8>> {
+        self.read_of(geteuid().as_raw())
+    }
+
+    /// What is in it if it is this user's; `None` if it is not there, or is another user's.
+    #[must_use]
+    pub fn read_of(&self, owner: u32) -> Option<Vec<u8>> {
         let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
         let file = File::options().read(true).custom_flags(flags).open(self.path()).ok()?;
-        if !is_own(&file.metadata().ok()?) {
-            return None;
-        }
+        file.metadata().ok().filter(|found| found.is_file() && found.uid() == owner)?;
         let mut text = Vec::new();
         file.take(Self::MAX_BYTES).read_to_end(&mut text).ok()?;
         Some(text)
     }
 
-    /// Writes it. A crash leaves the old one or the new one.
+    /// Writes it. A crash leaves the old one or the new one. It belongs to whom the folder belongs to, so that the
+    /// service can read what root writes.
     ///
     /// # Errors
     /// The operating system's.
     pub fn write(&self, text: &[u8]) -> io::Result<()> {
+        // The open folder cannot be exchanged for another one.
+        let folder = File::open(&self.folder)?;
+        let owner = folder.metadata()?.uid();
         // A name that nobody else can know before.
         let word = RandomState::new().hash_one(std::process::id());
-        let staged = self.folder.join(format!("{}.{word:016x}{STAGED}", self.name));
-        let mut file = File::options().write(true).create_new(true).mode(0o600).open(&staged)?;
-        let written = file.write_all(text).and_then(|()| fs::rename(&staged, self.path()));
+        let staged = format!("{}.{word:016x}{STAGED}", self.name);
+        let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::CLOEXEC;
+        let mut file = File::from(openat(&folder, &staged, flags, Mode::from_raw_mode(0o600))?);
+        let owned = if geteuid().as_raw() == owner { Ok(()) } else { fchown(&file, Some(owner), None) };
+        let renamed = || Ok(renameat(&folder, &staged, &folder, &self.name)?);
+        let written = owned.and_then(|()| file.write_all(text)).and_then(|()| renamed());
         // A folder that is full needs no half of it.
-        written.inspect_err(|_| _ = fs::remove_file(&staged))
+        written.inspect_err(|_| _ = unlinkat(&folder, &staged, AtFlags::empty()))
     }
 
     /// Its file.

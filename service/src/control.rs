@@ -127,9 +127,10 @@ impl<'a> Service<'a> {
         startup: Startup,
         events: Arc<EventQueue>,
     ) -> Result<Self, Failure> {
-        let ServiceParts { lock, mark, node, publisher, workers, imus, files, keeper, config_file } = parts;
+        let ServiceParts { lock, mark, node, publisher, workers, mut imus, files, keeper, config_file } = parts;
         let Startup { started, mut manager, .. } = startup;
         events.start();
+        imus.iter_mut().for_each(|imu| imu.note_table(domain));
         manager.ready();
         info!(
             domain = domain.name(),
@@ -238,6 +239,7 @@ impl<'a> Service<'a> {
             self.keep(number, request);
             self.imus[number].flush();
             self.imus[number].note_session();
+            self.imus[number].note_table(self.domain);
         }
         for (index, worker) in self.workers.iter().enumerate() {
             worker.announce(self.imus.iter().filter(|imu| imu.imu.worker == index).map(ImuState::is_awaited));

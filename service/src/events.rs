@@ -3,6 +3,7 @@
 
 use crate::memory::KeptTables;
 use isotherm_documents::LoadError;
+use isotherm_files::Identity;
 use isotherm_shared::table::CoefficientTable;
 use std::collections::BTreeMap;
 use std::mem;
@@ -15,12 +16,36 @@ use std::time::{Duration, Instant};
 pub(crate) struct FileReport {
     /// The table, or why there is none.
     pub change: FileChange,
-    /// When the file was changed, Unix time \[s\].
-    pub modified_unix_s: Option<f64>,
+    /// The state of the file that was read; `None` if there is none.
+    pub state: Option<Identity>,
     /// Whether there is no file.
     pub is_absent: bool,
     /// Whether it was to be loaded, whatever its state.
     pub is_requested: bool,
+}
+
+/// A state of a table's file that was read.
+#[derive(Clone, Debug)]
+pub(crate) struct JudgedFile {
+    pub state: Identity,
+    /// Digest of the table in it; `None` if it is no valid table.
+    pub digest: Option<String>,
+}
+
+impl FileReport {
+    /// What was read; `None` if there is no file.
+    pub(crate) fn judged(&self) -> Option<JudgedFile> {
+        let digest = match &self.change {
+            FileChange::Loaded(table) => Some(table.digest().to_string()),
+            FileChange::Unchanged | FileChange::Refused(_) => None,
+        };
+        self.state.map(|state| JudgedFile { state, digest })
+    }
+
+    /// When the file was changed, Unix time \[s\].
+    pub(crate) fn modified_unix_s(&self) -> Option<f64> {
+        self.state.map(|state| state.modified_unix_s())
+    }
 }
 
 /// The result of checking a table's file.

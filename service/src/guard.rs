@@ -8,10 +8,10 @@
 //!
 //! Somebody who means the change accepts the table's digest with the command `reload`, by an [`Acceptance`].
 
-use crate::acceptance::Acceptance;
 use crate::config::Imu;
 use crate::memory::{ForgottenTable, KeptTables};
 use isotherm_client::{Domain, ImuId};
+use isotherm_install::Acceptance;
 use isotherm_shared::table::difference::{Change, MaxChange, TableDifference};
 use isotherm_shared::table::{CoefficientTable, Digest};
 use std::sync::Arc;
@@ -90,7 +90,7 @@ impl Guard {
         let refusals = self.refusals(&difference, table);
         let accepted = !refusals.is_empty() && is_accepted(table.digest(), accepted);
         if !refusals.is_empty() && !accepted {
-            return Err(self.refusal(&refusals, reference.digest(), table.digest()));
+            return Err(refusal(&refusals, reference.digest()));
         }
         let words = format!("{difference}{}", if accepted { "; accepted by its digest" } else { "" });
         Ok(TableAdmission { changes: difference.changes, words, accepted })
@@ -110,16 +110,12 @@ impl Guard {
             let words = format!("{how}; the tables that were in force before cannot be read");
             return Ok(TableAdmission { changes: Vec::new(), words, accepted });
         }
-        let imu = &self.imu;
         let last = forgotten.digest.as_deref().unwrap_or("which is not known");
         let why = match forgotten.is_pending {
             true => "cannot be read, since the disk of the state folder does not answer",
             false => "was kept and cannot be read any more",
         };
-        Err(format!(
-            "the table that was in force last, {last}, {why}, so this one cannot be compared with it; bring that table back, or accept this \
-             one with the command `reload --imu {imu} --accept {digest}`"
-        ))
+        Err(format!("the table that was in force last, {last}, {why}, so this one cannot be compared with it"))
     }
 
     /// Why a table that differs so from the one in force last is refused; empty if it may be taken.
@@ -133,21 +129,6 @@ impl Guard {
             refusals.extend(self.limits.refusals(&difference, ANCHOR_FACTOR).into_iter().map(with));
         }
         refusals
-    }
-
-    fn refusal(&self, refusals: &[String], from: &Digest, to: &Digest) -> String {
-        /// So many lines leave room for the remedy.
-        const MOST: usize = 8;
-        let imu = &self.imu;
-        let mut lines: Vec<_> = refusals.iter().take(MOST).cloned().collect();
-        if let Some(more) = refusals.len().checked_sub(MOST).filter(|more| *more > 0) {
-            lines.push(format!("and {more} more changes are too large"));
-        }
-        format!(
-            "{}\nthis is too much for a calibration of the same IMU, compared with the table that was in force last, {from}; correct \
-             the file, bring that table back, or accept this one with the command `reload --imu {imu} --accept {to}`",
-            lines.join("\n")
-        )
     }
 
     /// Notes that an admitted table is in force now.
@@ -174,6 +155,27 @@ impl Guard {
         self.memory.take(&in_force, true);
         true
     }
+}
+
+/// Why a table is refused, compared with the one that was in force last.
+fn refusal(refusals: &[String], last: &Digest) -> String {
+    /// So many lines leave room for the remedy.
+    const MOST: usize = 8;
+    let mut lines: Vec<_> = refusals.iter().take(MOST).cloned().collect();
+    if let Some(more) = refusals.len().checked_sub(MOST).filter(|more| *more > 0) {
+        lines.push(format!("and {more} more changes are too large"));
+    }
+    format!(
+        "{}\nthis is too much for a calibration of the same IMU, compared with the table that was in force last, {last}",
+        lines.join("\n")
+    )
+}
+
+/// What to do about a refused table with this digest, whose file is there.
+pub(crate) fn remedy(imu: &ImuId, refused: &Digest) -> String {
+    format!(
+        "correct the file, bring that table back, or accept this one with the command `reload --imu {imu} --accept {refused}`"
+    )
 }
 
 /// Whether the operator has accepted the table of this digest.
@@ -342,7 +344,7 @@ mod tests {
         // The same table without its digest is no way round.
         guarded.take(&raised(0.0)).unwrap();
         let refusal = guarded.take(&raised(0.001)).unwrap_err();
-        assert!(refusal.contains("seal it with `check --seal`") && refusal.contains("--accept sha256:"), "{refusal}");
+        assert!(refusal.contains("seal it with `check --seal`"), "{refusal}");
         guarded.take(&table(&raised(0.001).to_toml())).unwrap();
         guarded.accept(&raised(0.002));
         guarded.take(&raised(0.002)).unwrap();

@@ -1,10 +1,9 @@
 //! One IMU in the control thread: the file of its table, the tables sent to the worker, and the losses that were
 //! logged.
 
-use crate::acceptance::Acceptance;
 use crate::config::Imu;
-use crate::events::{FileChange, FileReport, KeepOutcome};
-use crate::guard::{Guard, TableAdmission, is_accepted};
+use crate::events::{FileChange, FileReport, JudgedFile, KeepOutcome};
+use crate::guard::{Guard, TableAdmission, is_accepted, remedy};
 use crate::keeper::KeepRequest;
 use crate::leftovers::{Port, ports_of, ports_of_event};
 use crate::memory::KeptTables;
@@ -16,7 +15,8 @@ use iceoryx2::prelude::PortFactory as _;
 use iceoryx2::service::port_factory::event;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use isotherm_client::transport::stream::{self, Ipc, IpcNode};
-use isotherm_client::{Domain, last_closing, unix_s};
+use isotherm_client::{Domain, ImuId, last_closing, unix_s};
+use isotherm_install::{Acceptance, TableJudgement, TableNote};
 use isotherm_shared::status::ClosedStatus;
 use isotherm_shared::table::CoefficientTable;
 use isotherm_shared::units::SensorKind;
@@ -44,6 +44,8 @@ pub(crate) struct FirstTable {
     pub table: Option<(Arc<CoefficientTable>, TableAdmission)>,
     /// When the table's file was changed, Unix time \[s\].
     pub modified_unix_s: Option<f64>,
+    /// The file as it was read; `None` if there is none.
+    pub judged: Option<JudgedFile>,
     /// Why the file as it is now is not in force.
     pub refused: Option<TableRefusal>,
     /// Whether the IMU waits for its first table, as the command line allows.
@@ -57,6 +59,7 @@ pub(crate) struct PendingImu {
     imu: Imu,
     counters: CounterReader,
     session: SessionNote,
+    judged: Option<JudgedFile>,
     last_error: Option<TableRefusal>,
     waits: bool,
     tables: TableQueue,
@@ -70,7 +73,7 @@ pub(crate) struct PendingImu {
 impl PendingImu {
     /// Queues the first table for the worker. The result contains the worker's link to this IMU.
     pub(crate) fn new(domain: &Domain, imu: &Imu, first: FirstTable) -> (Self, ChannelLink) {
-        let FirstTable { guard, table, modified_unix_s, refused, waits, accepted } = first;
+        let FirstTable { guard, table, modified_unix_s, judged, refused, waits, accepted } = first;
         let (queue, taken) = RingBuffer::new(TABLE_QUEUE_DEPTH);
         let mut tables = TableQueue { alive: Vec::new(), unsent: None, queue };
         if let Some((table, _)) = &table {
@@ -82,7 +85,8 @@ impl PendingImu {
         let before = session.before();
         let link = ChannelLink { imu: imu.clone(), tables: taken, counters: writer, before, table_before };
         let imu = imu.clone();
-        (Self { imu, counters, session, last_error: refused, waits, tables, guard, first: table, accepted }, link)
+        let last_error = refused;
+        (Self { imu, counters, session, judged, last_error, waits, tables, guard, first: table, accepted }, link)
     }
 
     /// Opens the streams, which the worker must have created before. The first table is in force then, and is to be
@@ -91,7 +95,7 @@ impl PendingImu {
     /// # Errors
     /// If they cannot be opened.
     pub(crate) fn open_streams(self, node: &IpcNode) -> Result<(ImuState, Option<KeepRequest>), Failure> {
-        let Self { imu, counters, session, last_error, waits, tables, mut guard, first, accepted } = self;
+        let Self { imu, counters, session, judged, last_error, waits, tables, mut guard, first, accepted } = self;
         let failed =
             |error: String| Failure::new(Exit::Failed, format!("opening the streams of IMU {}: {error}", imu.id));
         let raw = stream::open_raw(node, &stream::raw_name(&imu.id)).map_err(|error| failed(error.to_string()))?;
@@ -113,7 +117,9 @@ impl PendingImu {
             session,
             reloads: 0,
             refusals,
+            judged,
             last_error,
+            noted: None,
             may_wait: waits,
             is_absent: waits,
             raw,
@@ -148,6 +154,10 @@ pub(crate) struct ImuState {
     pub reloads: u64,
     /// Refused files; a missing file counts too.
     pub refusals: u64,
+    /// Its file as it was read last; `None` if there is none.
+    judged: Option<JudgedFile>,
+    /// What is noted of its table for whoever installs one. An error is tried again.
+    noted: Option<Result<TableNote, ()>>,
     /// Why the current file is not in force.
     pub last_error: Option<TableRefusal>,
     /// Whether the service was started without its table, as the command line allows.
@@ -202,9 +212,21 @@ impl TableRefusal {
         Self { error: truncate(error), table, modified_unix_s, since_unix_s: unix_s() }
     }
 
-    /// The reason in one line.
-    pub(crate) fn line(&self) -> String {
-        self.error.replace('\n', "; ")
+    /// The reason, and what to do about it if an operator can accept the table.
+    pub(crate) fn text(&self, imu: &ImuId) -> String {
+        let remedy = self.table.as_ref().map(|table| format!("; {}", remedy(imu, table.digest())));
+        self.error.clone() + &remedy.unwrap_or_default()
+    }
+
+    /// The same in one line.
+    fn line(&self, imu: &ImuId) -> String {
+        self.text(imu).replace('\n', "; ")
+    }
+
+    /// Whether it is the same table, or the same fault.
+    fn is_same(&self, other: &Self) -> bool {
+        let digest = |refused: &Self| refused.table.as_ref().map(|table| *table.digest());
+        self.error == other.error && digest(self) == digest(other)
     }
 }
 
@@ -280,6 +302,26 @@ impl ImuState {
         self.session.keep(self.counters.last_session());
     }
 
+    /// Notes which file is read, and what is served and refused, if that has changed.
+    pub(crate) fn note_table(&mut self, domain: &Domain) {
+        let judged = self.judged.as_ref().map(|judged| TableJudgement {
+            file: judged.state.to_string(),
+            digest: judged.digest.clone(),
+            refused: self.last_error.as_ref().map(|refused| refused.error.clone()),
+        });
+        let file = std::path::absolute(&self.imu.table).unwrap_or_else(|_| self.imu.table.clone());
+        let served = self.in_force().map(|sent| sent.table.digest().to_string());
+        let note = TableNote { table_file: file.to_string_lossy().into_owned(), served, judged };
+        if self.noted.as_ref() == Some(&Ok(note.clone())) {
+            return;
+        }
+        let written = note.write(domain, &self.imu.id);
+        if let (Err(error), Some(Ok(_)) | None) = (&written, &self.noted) {
+            warn!(imu = %self.imu.id, "noting which table is served: {error}; `install` does not learn it");
+        }
+        self.noted = Some(written.map(|()| note).map_err(drop));
+    }
+
     /// Notes the last session with its last sample, after the worker has ended.
     pub(crate) fn end_session(&mut self) {
         self.session.end(self.counters.last_session());
@@ -316,7 +358,9 @@ impl ImuState {
     /// Applies what was found in the table's file. Returns what is to be kept, if another table is in force now. A
     /// report that was requested applies a table or an error that is already known again.
     pub(crate) fn apply(&mut self, report: FileReport) -> Option<KeepRequest> {
-        let FileReport { change, modified_unix_s, is_absent, is_requested } = report;
+        let modified_unix_s = report.modified_unix_s();
+        self.judged = report.judged();
+        let FileReport { change, is_absent, is_requested, .. } = report;
         self.is_absent = is_absent;
         match change {
             FileChange::Unchanged => None,
@@ -389,9 +433,9 @@ impl ImuState {
 
     /// Notes why the table file as it is now is not in force.
     fn refuse(&mut self, refused: TableRefusal, is_requested: bool) {
-        if is_requested || self.last_error.as_ref().is_none_or(|last| last.error != refused.error) {
+        if is_requested || self.last_error.as_ref().is_none_or(|last| !last.is_same(&refused)) {
             let stays = if self.tables.alive.is_empty() { "there is none in force" } else { "the one in force stays" };
-            warn!(imu = %self.imu.id, "table refused, {stays}: {}", refused.line());
+            warn!(imu = %self.imu.id, "table refused, {stays}: {}", refused.line(&self.imu.id));
             self.refusals += 1;
             self.logged_refusal = Instant::now();
             self.last_error = Some(refused);
@@ -481,7 +525,7 @@ impl ImuState {
                 imu = %self.imu.id,
                 "the table of {} is still not in force, {instead}: {}",
                 shown(&self.imu.table),
-                refused.line()
+                refused.line(&self.imu.id)
             );
         }
     }

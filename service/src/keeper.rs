@@ -4,11 +4,11 @@
 //! Only the newest table of each IMU waits. One that cannot be kept is tried again until it is, or until a newer one
 //! replaces it. The configuration is kept once after each start.
 
-use crate::acceptance::Acceptance;
 use crate::config_source::ConfigFile;
 use crate::events::{EventQueue, KeepOutcome};
 use crate::memory::{KeptTables, StateFolder, kept_note, remedy};
 use isotherm_client::{Domain, ImuId, STATE_VARIABLE};
+use isotherm_install::Acceptance;
 use isotherm_support::failure::shown;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,6 +1,7 @@
 //! The Isotherm daemon: receives raw samples over shared memory, compensates them, publishes increments.
 //!
-//! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status` and `reload` are the same [`commands`].
+//! The program `isothermd` calls [`main`]. `isotherm serve`, `check`, `status`, `install`,
+//! `rollback` and `reload` are the same [`commands`].
 //! Other programs use this library to [`create`] streams in a domain and to [`clean`] it.
 //!
 //! ```
@@ -16,7 +17,6 @@
 //! # }
 //! ```
 
-mod acceptance;
 pub mod clean;
 pub mod commands;
 pub mod config;
@@ -44,10 +44,11 @@ mod threads;
 mod windows;
 pub mod worker;
 
-pub use acceptance::Acceptance;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use commands::install::Install;
 use commands::no_domain;
 use commands::reload::Reload;
+use commands::rollback::Rollback;
 use commands::serve::Serve;
 use commands::status::Status;
 use isotherm_command::check::{Check, CheckedFiles};
@@ -91,6 +92,9 @@ enum DaemonCommand {
     #[command(arg = no_domain())]
     Check(Check),
     Status(Status),
+    Install(Install),
+    #[command(arg = no_domain())]
+    Rollback(Rollback),
     Reload(Reload),
     #[command(arg = no_domain())]
     Explain(Explain),
@@ -105,6 +109,8 @@ impl Daemon {
                 check.run(CheckedFiles { laboratory, recording: None, configuration: commands::check::configuration })
             }
             DaemonCommand::Status(status) => status.run(domain),
+            DaemonCommand::Install(install) => install.run(&domain),
+            DaemonCommand::Rollback(rollback) => rollback.run(&domain),
             DaemonCommand::Reload(reload) => reload.run(domain),
             DaemonCommand::Explain(explain) => explain.run(&topics()),
         }

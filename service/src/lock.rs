@@ -5,6 +5,7 @@
 #![expect(unsafe_code, reason = "a descriptor that was inherited is taken over by its number")]
 
 use isotherm_client::{Domain, prepare};
+use isotherm_install::service_lock;
 use isotherm_support::failure::{Exit, Failure};
 use rustix::fs::{FlockOperation, OFlags, fcntl_lock};
 use rustix::io::{FdFlags, fcntl_setfd};
@@ -13,7 +14,7 @@ use std::fs::{self, DirEntry, File, Metadata};
 use std::io::{self, Write as _};
 use std::os::fd::{FromRawFd as _, RawFd};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The sole right to serve a domain. The file stays open until the process ends: closing it would release the lock.
@@ -29,7 +30,7 @@ impl DomainLock {
     /// If another service has it, or the domain's folder cannot be used.
     pub(crate) fn take(domain: &Domain) -> Result<Self, Failure> {
         prepare(domain)?;
-        let path = PathBuf::from(domain.root_path()).join(format!("{}service.lock", domain.prefix()));
+        let path = service_lock(domain);
         let failed = |error: io::Error| Failure::io("locking", &path, &error);
         let mut options = File::options();
         options.write(true).create(true).truncate(false).mode(0o600);

@@ -217,8 +217,7 @@ impl TableFolder {
         }
         let (imu, file) = &self.files[place];
         let is_absent = matches!(change, FileChange::Refused(_)) && file.handled.is_none();
-        let modified_unix_s = file.modified_unix_s();
-        self.events.file(*imu, FileReport { change, modified_unix_s, is_absent, is_requested });
+        self.events.file(*imu, FileReport { change, state: file.handled, is_absent, is_requested });
     }
 }
 
@@ -289,11 +288,6 @@ impl WatchedFile {
     /// When it may be loaded again.
     const fn next_load(&self) -> Instant {
         self.next_load
-    }
-
-    /// When the file that was last loaded or refused was changed, Unix time \[s\].
-    pub(crate) fn modified_unix_s(&self) -> Option<f64> {
-        self.handled.map(|state| state.modified_unix_s())
     }
 
     /// Loads the file as it is now.

@@ -62,30 +62,36 @@ fn choose_one(
     report: Option<FileReport>,
     allow_uncalibrated: bool,
 ) -> (TableChoice, FirstTable) {
-    let modified_unix_s = report.as_ref().and_then(|report| report.modified_unix_s);
+    let modified_unix_s = report.as_ref().and_then(FileReport::modified_unix_s);
+    let judged = report.as_ref().and_then(FileReport::judged);
     let is_absent = report.as_ref().is_some_and(|report| report.is_absent);
     let accepted = guard.accepted();
-    let (failure, table) = match report.map(|report| report.change) {
+    let invalid = |failure: Failure| {
+        let refused = TableRefusal::now(failure.message.clone(), None, modified_unix_s);
+        (failure, refused)
+    };
+    let (failure, refused) = match report.map(|report| report.change) {
         Some(FileChange::Loaded(table)) => match guard.admit(&table, &accepted) {
             Ok(admission) => {
                 let table = Some((table, admission));
-                let first = FirstTable { guard, table, modified_unix_s, refused: None, waits: false, accepted };
+                let refused = None;
+                let first = FirstTable { guard, table, modified_unix_s, judged, refused, waits: false, accepted };
                 return (TableChoice::File, first);
             }
             Err(reason) => {
                 let message = format!("{}: {reason}", shown(&imu.table));
+                let refused = TableRefusal::now(message, Some(table), modified_unix_s);
                 // A disk that does not answer may do so at the next start.
                 let exit = if guard.memory().is_pending() { Exit::Io } else { Exit::Config };
-                (Failure::new(exit, message).at(&imu.table, None), Some(table))
+                (Failure::new(exit, refused.text(&imu.id)).at(&imu.table, None), refused)
             }
         },
-        Some(FileChange::Refused(error)) => (Failure::from(error), None),
+        Some(FileChange::Refused(error)) => invalid(Failure::from(error)),
         Some(FileChange::Unchanged) | None => {
             let message = format!("reading {}: its disk does not answer; see to the disk", shown(&imu.table));
-            (Failure::new(Exit::Io, message).at(&imu.table, None), None)
+            invalid(Failure::new(Exit::Io, message).at(&imu.table, None))
         }
     };
-    let refused = Some(TableRefusal::now(failure.message.clone(), table, modified_unix_s));
     let reference = guard.memory().reference().cloned();
     let table = reference.and_then(|table| guard.admit(&table, &accepted).ok().map(|admission| (table, admission)));
     let choice = match &table {
@@ -94,7 +100,9 @@ fn choose_one(
         None => TableChoice::Nothing(failure),
     };
     let waits = matches!(choice, TableChoice::Uncalibrated(_));
-    (choice, FirstTable { guard, table, modified_unix_s: None, refused, waits, accepted: Vec::new() })
+    let refused = Some(refused);
+    let first = FirstTable { guard, table, modified_unix_s: None, judged, refused, waits, accepted: Vec::new() };
+    (choice, first)
 }
 
 fn log(imu: &Imu, choice: &TableChoice, first: &FirstTable) {
@@ -161,7 +169,7 @@ mod tests {
             Damaged | Absent => refused("no such file"),
             Silent => return None,
         };
-        Some(FileReport { change, modified_unix_s: Some(1.0), is_absent: state == Absent, is_requested: false })
+        Some(FileReport { change, state: None, is_absent: state == Absent, is_requested: false })
     }
 
     /// Serves IMUs with these files, and with a table from before or none. For each IMU the result has whether it has a

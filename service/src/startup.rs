@@ -18,6 +18,7 @@ use crate::worker::channel::ChannelLink;
 use crate::{create, leftovers, start, threads};
 use isotherm_client::transport::stream::IpcNode;
 use isotherm_client::{Realtime, check_descriptors, check_domain, check_owner, check_room, join, note_memory};
+use isotherm_install::remove_notes;
 use isotherm_shared::names::Domain;
 use isotherm_support::failure::{Exit, Failure};
 use std::collections::BTreeMap;
@@ -97,6 +98,7 @@ impl Startup {
         };
         check_descriptors(config.imus.len())?;
         let lock = DomainLock::take(domain)?;
+        remove_notes(domain);
         let mark = StartMark::leave(domain);
         let Some((node, publisher, workers, imus)) = Self::open(domain, &config, first_tables, &keeper, events)? else {
             mark.remove();

@@ -72,7 +72,7 @@ pub(crate) fn imu_status(imu: &ImuState) -> ImuStatus {
         flagged: Flags::NAMES.into_iter().filter_map(counted).collect(),
         reloads: imu.reloads,
         refusals: imu.refusals,
-        last_reload_error: refused.map(|refused| refused.error.clone()),
+        last_reload_error: refused.map(|refused| refused.text(&imu.imu.id)),
         waits_for_table: imu.waits_for_table(),
         refused_table: refused.and_then(|refused| Some(refused.table.as_ref()?.digest().to_string())),
         refused_unix_s: refused.map(|refused| refused.since_unix_s),

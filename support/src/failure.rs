@@ -13,7 +13,7 @@
 
 mod printable;
 
-pub use printable::{one_line, printable, shown, tell, tell_as_events, tell_plainly};
+pub use printable::{one_line, printable, quoted, quoted_path, shown, tell, tell_as_events, tell_plainly};
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -70,11 +70,11 @@ exit_codes! {
     Io = 74, "a file cannot be read or written",
         "The message names what is needed: space, a permission, another path. `isotherm clean` removes the remains \
          of a domain.";
-    /// What comes over a network contradicts the description. It may come from another sender, so the next attempt may
-    /// succeed.
-    Temporary = 75, "what comes over a network is not as described",
-        "The message has what came and what is described. Correct the description, the device or its address. The \
-         units of systemd try again until then.";
+    /// Not finished in time: the service has not judged a table, another installation goes on, or what comes over a
+    /// network is not as described. The next attempt may succeed.
+    Temporary = 75, "not finished in time; run the same command again",
+        "Run the same command again. The message has what is waited for; of a network, it has what came and what is \
+         described. The units of systemd try again by themselves.";
     /// The domain belongs to another user, or other users can replace it.
     OtherUser = 77, "the domain is another user's",
         "Run as the service's user, or use a domain of your own: another `--domain`, or a folder in `ISOTHERM_ROOT`.";

@@ -18,8 +18,8 @@ pub mod programs;
 use isotherm_client::{
     Acquisition, CompensatedIncrement, Domain, Flags, ImuId, IncrementReader, Lag, Options, RawSample, Triad, device,
 };
+use isotherm_install::Acceptance;
 use isotherm_recording::RawCsvReader;
-use isotherm_service::Acceptance;
 use isotherm_shared::table::CoefficientTable;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;

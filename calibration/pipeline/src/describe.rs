@@ -19,7 +19,6 @@ use isotherm_recording_formats::read::Samples;
 use isotherm_shared::content::FileContent;
 use isotherm_shared::table::STANDARD_GRAVITY;
 use isotherm_support::failure::{Exit, Failure, shown};
-pub use jobs::quoted;
 pub use model::{DescribedKind, FileDescription, FindingExplanation, JobFitness};
 pub use rows::{ImuSummary, TemperatureSpan};
 use std::io::{Read as _, Seek as _};

@@ -34,9 +34,7 @@ mod verify;
 
 pub use calibrate::{InputOptions, InputOrigin, Inputs, JobFailure, JobOutcome};
 pub use clock::now;
-pub use describe::{
-    DescribedKind, FileDescription, FindingExplanation, ImuSummary, JobFitness, TemperatureSpan, quoted,
-};
+pub use describe::{DescribedKind, FileDescription, FindingExplanation, ImuSummary, JobFitness, TemperatureSpan};
 pub use files::{Bar, CampaignFile, no_bar};
 pub use proposal::propose;
 pub use samples::{PositionFile, RowSource};

@@ -243,7 +243,7 @@ impl RunCampaign {
                 accept: self.accept,
                 strict: self.strict,
             };
-            finish.run(&plan, &mut journal, &options, &ended)
+            finish.run(&plan, &mut journal, &options.domain, &ended)
         } else {
             Ok(())
         };

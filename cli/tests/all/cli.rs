@@ -77,9 +77,7 @@ fn every_help_has_examples_and_exit_codes_and_the_domain_where_there_is_one() {
         "man",
         "noise",
         "regress",
-        "repair",
         "replay",
-        "rollback",
         "verify",
     ];
     let without_below = [

@@ -10,6 +10,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isotherm_client::{Domain, ImuId, Options, STATE_VARIABLE, fetch_status};
 use isotherm_files::{StagedText, print};
+use isotherm_install::{NewTable, TableInstaller};
 use isotherm_service::clean::clean;
 use isotherm_shared::polynomial::Polynomial;
 use isotherm_shared::status::ServiceStatus;
@@ -96,12 +97,11 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let io = |phase: &'static str| move |error: io::Error| Failure::new(Exit::Io, format!("{phase}: {error}"));
     let folder =
         tempfile::Builder::new().prefix("isotherm-demo-").tempdir().map_err(io("creating a temporary folder"))?;
-    let (table, next, log) =
-        (folder.path().join("table.toml"), folder.path().join("next.toml"), folder.path().join("log"));
+    let (table, log) = (folder.path().join("table.toml"), folder.path().join("log"));
     let frozen = frozen(truth)?;
     // With a provenance it is a calibration like the next one, and no nominal table.
     let text = format!("{}\n[provenance]\ntool = \"isotherm demo\"\n", frozen.to_toml());
-    fs::write(&table, text).and_then(|()| fs::write(&next, truth.to_toml())).map_err(io("writing the tables"))?;
+    fs::write(&table, text).map_err(io("writing the table"))?;
 
     let isotherm = |arguments: &[&str]| -> Result<Command, Failure> {
         let mut command = Command::new(std::env::current_exe().map_err(io("finding this program"))?);
@@ -116,8 +116,10 @@ fn run_processes(domain: &Domain, imu: &ImuId, truth: &CoefficientTable) -> Resu
     let feed = isotherm(&["demo", "--acquisition"])?.stdout(Stdio::piped()).spawn();
     let mut acquisition = ChildProcess(feed.map_err(io("starting the acquisition"))?);
 
-    let outcome =
-        wait_for_outcome(&mut acquisition, || fs::rename(&next, &table).map_err(io("renaming the new table")));
+    let outcome = wait_for_outcome(&mut acquisition, || {
+        let new = NewTable { table: truth, text: &truth.to_toml(), source: &table, is_accepted: false };
+        TableInstaller::lock(domain, imu, &table)?.install(&new).map(drop)
+    });
     let outcome = outcome.map_err(|failure| with_log(failure, &log))?;
     let status =
         fetch_status(&Options::new(domain.clone(), SERVICE_TIMEOUT)).map_err(|error| with_log(error.into(), &log))?;

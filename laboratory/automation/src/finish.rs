@@ -3,18 +3,19 @@
 mod fitted_table;
 mod verify;
 
-use super::in_force::{InForce, changes, wait_until_in_force};
+use super::in_force::InForce;
 use super::journal::{self, Entry, History, JOURNAL, Journal};
 use super::page;
 use super::plan::Plan;
 use super::progress::DroppedImu;
 use super::step::CampaignStep;
 use fitted_table::{FittedTable, print_message};
-use isotherm_client::Options;
+use isotherm_client::Domain;
 use isotherm_files::StagedText;
 use isotherm_fit::{Accuracy, AlignmentChoice, Calibration, CalibrationOptions, CalibrationOutcome, LagChoice};
 use isotherm_pipeline::{CampaignFile, InputOptions, Inputs, no_bar};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::difference::TableDifference;
 use isotherm_support::failure::{Exit, Failure, printable, shown};
 use isotherm_verification::Requirement;
 use std::io::{self, Write as _};
@@ -57,13 +58,13 @@ impl Finish {
         self,
         plan: &Plan,
         journal: &mut Journal,
-        options: &Options,
+        domain: &Domain,
         stop_signal: &AtomicUsize,
     ) -> Result<(), Failure> {
         let result = if plan.is_batch() {
-            self.batch(plan, journal, options, stop_signal)
+            self.batch(plan, journal, domain, stop_signal)
         } else {
-            self.steps(plan, journal, options, stop_signal, false)
+            self.steps(plan, journal, domain, stop_signal, false)
         };
         if let Err(error) = page::rewrite(plan) {
             tracing::warn!("writing the live page: {error}");
@@ -76,7 +77,7 @@ impl Finish {
         &self,
         plan: &Plan,
         journal: &mut Journal,
-        options: &Options,
+        domain: &Domain,
         stop_signal: &AtomicUsize,
     ) -> Result<(), Failure> {
         let history = history(plan)?;
@@ -88,7 +89,7 @@ impl Finish {
             }
             check_stop_signal(stop_signal)?;
             journal.about(Some(&plan.imu));
-            let result = self.steps(plan, journal, options, stop_signal, is_dropped);
+            let result = self.steps(plan, journal, domain, stop_signal, is_dropped);
             journal.about(None);
             if let Err(failure) = result {
                 failed.extend(failure.message.lines().map(|line| format!("{}: {line}", plan.imu)));
@@ -102,7 +103,7 @@ impl Finish {
         &self,
         plan: &Plan,
         journal: &mut Journal,
-        options: &Options,
+        domain: &Domain,
         stop_signal: &AtomicUsize,
         is_dropped: bool,
     ) -> Result<(), Failure> {
@@ -121,20 +122,20 @@ impl Finish {
         let transients = fit.calibration.transients.iter().flat_map(|found| &found.words);
         let accuracy = transients.fold(accuracy, |accuracy, words| format!("{accuracy}; {words}"));
         journal.write_synced(Entry::Calibrated { digest: fit.digest(), accuracy })?;
-        let table_file = plan.output.join(plan.file(TABLE, "toml"));
-        let table_file = shown(&table_file);
+        let table_path = plan.output.join(plan.file(TABLE, "toml"));
+        let table_file = shown(&table_path);
         // The runs of one that is dropped are not complete.
         let placement = match is_dropped {
             true => Ok(TablePlacement::LeftAside(DROPPED)),
-            false => self.verify_and_install(plan, journal, &fit, stop_signal),
+            false => self.verify_and_install(plan, journal, &fit, &table_path, domain, stop_signal),
         };
         match placement {
-            Ok(TablePlacement::Installed(target)) => {
+            Ok(TablePlacement::Installed(target, judged)) => {
                 // A journal is UTF-8, and is read from other working directories.
                 let file = std::path::absolute(target).unwrap_or_else(|_| target.to_owned());
                 let file = PathBuf::from(file.to_string_lossy().into_owned());
                 journal.write_synced(Entry::Installed { digest: fit.digest(), file })?;
-                wait_until_in_force(&plan.imu, &fit.calibration.table, options)
+                judged
             }
             Ok(TablePlacement::LeftAside(reason)) => {
                 print_message(&format!("{table_file} is the table; it is not installed: {reason}"));
@@ -153,15 +154,17 @@ impl Finish {
         plan: &'p Plan,
         journal: &mut Journal,
         fit: &FittedTable,
+        table_file: &Path,
+        domain: &Domain,
         stop_signal: &AtomicUsize,
     ) -> Result<TablePlacement<'p>, InstallationRefusal> {
         verify(self.require, plan, journal, fit, stop_signal)?;
         check_stop_signal(stop_signal)?;
         Ok(match self.target(plan) {
-            Ok(target) => {
-                fit.install(target)?;
-                TablePlacement::Installed(target)
-            }
+            Ok(target) => match fit.install(table_file, target, domain) {
+                Err(failure) if failure.exit != Exit::Temporary => return Err(failure.into()),
+                judged => TablePlacement::Installed(target, judged),
+            },
             Err(reason) => TablePlacement::LeftAside(reason),
         })
     }
@@ -188,9 +191,15 @@ impl Finish {
         print_message(
             &plan.member.as_ref().map_or_else(|| "fitting".to_owned(), |member| format!("fitting {}", member.imu)),
         );
-        let (calibration, text) = self.calibrate_campaign(plan, in_force.as_ref().map(|in_force| &in_force.table))?;
-        for change in in_force.iter().flat_map(|in_force| changes(&in_force.table, &calibration.table)) {
-            print_message(&format!("note: {change}"));
+        let (mut calibration, text) =
+            self.calibrate_campaign(plan, in_force.as_ref().map(|in_force| &in_force.table))?;
+        // What the file says: it has the digest and the stated errors.
+        calibration.table = CoefficientTable::from_toml(&text, Some(&plan.imu))
+            .map_err(|error| Failure::new(Exit::Failed, error.to_string()))?;
+        for change in
+            in_force.iter().flat_map(|in_force| TableDifference::of(&in_force.table, &calibration.table).summary())
+        {
+            print_message(&format!("note: against the table in force, {change}"));
         }
         Ok(FittedTable { calibration, text, in_force })
     }
@@ -275,8 +284,8 @@ fn has_all_to_fit(plan: &Plan, history: &History) -> bool {
 
 /// What has become of a fitted table.
 enum TablePlacement<'p> {
-    /// It is installed as this file.
-    Installed(&'p Path),
+    /// It is installed as this file. The service has not judged it in time if there is a failure.
+    Installed(&'p Path, Result<(), Failure>),
     /// It stays in the campaign's folder for this reason, which is no failure.
     LeftAside(&'static str),
 }

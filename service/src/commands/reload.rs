@@ -1,10 +1,11 @@
 //! `reload`: takes a table that the service refuses because it changes too much.
 
-use crate::acceptance::Acceptance;
+use super::digest;
 use crate::config::Config;
 use clap::Args;
 use isotherm_client::{ConnectError, Domain, ImuId, Options, StatusError, fetch_status, prepare};
 use isotherm_files::Trust;
+use isotherm_install::Acceptance;
 use isotherm_shared::status::{ImuStatus, ServiceStatus};
 use isotherm_support::failure::{Exit, Failure, one_line, tell};
 use std::path::Path;
@@ -38,16 +39,6 @@ pub struct Reload {
     /// The digest is sha256: and 64 hexadecimal digits.
     #[arg(long, value_name = "DIGEST", value_parser = digest)]
     accept: String,
-}
-
-fn digest(text: &str) -> Result<String, String> {
-    let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
-    let valid = text.strip_prefix("sha256:").is_some_and(|digits| digits.len() == 64 && digits.bytes().all(is_digit));
-    if valid {
-        Ok(text.to_owned())
-    } else {
-        Err("give all of it, sha256: and 64 hexadecimal digits in lower case".to_owned())
-    }
 }
 
 impl Reload {

@@ -21,6 +21,9 @@ use crate::wire::AXES;
 use core::fmt;
 use nalgebra::Matrix3;
 
+/// Alignment matrices that turn the axes by less do not differ \[mrad\]: two fits of one mounting differ by some 1e-3.
+const SAME_AXES_MRAD: f64 = 0.01;
+
 /// The difference of one curve in two tables: new less old.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurveDifference {
@@ -300,6 +303,31 @@ impl TableDifference {
             found.incomparable.push(text.to_owned());
         }
         found
+    }
+
+    /// What an operator should know of the change, in five lines at most: the largest change of each kind, and what
+    /// else changes.
+    #[must_use]
+    pub fn summary(&self) -> Vec<String> {
+        let kinds = [Limit::Bias, Limit::Scale, Limit::Rate, Limit::Alignment];
+        let of_kind =
+            |limit: Limit| self.changes.iter().filter(move |change| change.limit == limit && change.size != 0.0);
+        let largest =
+            kinds.iter().filter_map(|limit| of_kind(*limit).max_by(|one, other| one.size.total_cmp(&other.size)));
+        let mut lines: Vec<_> = largest
+            .map(|change| {
+                let Change { name, size, unit, values, .. } = change;
+                let turns = name == "alignment" && *size > SAME_AXES_MRAD;
+                let remedy = if turns { "; the axes turn: boresight the vehicle again" } else { "" };
+                format!("{name} changes by {} {unit}, {values}{remedy}", rounded(*size))
+            })
+            .collect();
+        if !self.changes_a_curve() {
+            lines.push("no curve changes".to_owned());
+        }
+        let others: Vec<_> = self.incomparable.iter().chain(&self.others).map(String::as_str).collect();
+        lines.extend(Some(others.join("; ")).filter(|others| !others.is_empty()));
+        lines
     }
 
     /// Compares all curves and alignments that both tables have.

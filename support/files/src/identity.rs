@@ -1,5 +1,7 @@
 //! Which state of a file was read.
 
+#[cfg(not(target_os = "wasi"))]
+use std::fmt;
 use std::fs::{self, Metadata};
 use std::io;
 #[cfg(not(target_os = "wasi"))]
@@ -42,6 +44,16 @@ impl Identity {
     pub fn modified_unix_s(&self) -> f64 {
         let since = self.modified.and_then(|modified| modified.duration_since(UNIX_EPOCH).ok());
         since.map_or(0.0, |since| since.as_secs() as f64 + f64::from(since.subsec_nanos()) * 1e-9)
+    }
+}
+
+/// Device, inode, time of change \[s and ns\] and size \[bytes\]: by this text one process says to another which state
+/// it has read.
+#[cfg(not(target_os = "wasi"))]
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (device, inode, changed_s, changed_ns) = self.inode;
+        write!(f, "{device}:{inode}:{changed_s}.{changed_ns:09}:{}", self.size)
     }
 }
 

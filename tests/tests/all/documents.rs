@@ -195,7 +195,7 @@ fn the_quick_start_works_as_it_stands() {
     let output = shell.output().unwrap();
     let (printed, stderr) = (text(&output.stdout), text(&output.stderr));
     assert!(output.status.success(), "{script}\n--\n{printed}\n--\n{stderr}");
-    assert!(printed.contains("\"reloads\": 1"), "{printed}");
+    assert!(printed.contains(" is served, as quickstart/imu-a.toml"), "{printed}");
 }
 
 #[test]

@@ -11,6 +11,7 @@
 
 mod acceptances;
 mod disks;
+mod installs;
 mod kills;
 mod leftovers;
 mod names;

@@ -1,11 +1,12 @@
-//! An installed table and its predecessor: what `isotherm rollback` exchanges and refuses, and what survives kills and
-//! other processes.
+//! An installed table and its predecessor: what `isotherm rollback` brings back and refuses, and what survives kills
+//! and other processes.
 //!
-//! Over 400 lines: installation and rollback are two sides of one exchange.
+//! Over 400 lines: a rollback is an installation of the predecessor.
 
 use crate::feed::{Feed, ids};
 use isotherm_files::{Identity, Installation};
 use isotherm_shared::table::CoefficientTable;
+use isotherm_support::failure::{Exit, Failure};
 use isotherm_tests::{Needs, TABLE, TestDomain, skip, table, text, variant, wait_until};
 use std::fs::{self, Permissions};
 use std::hash::{BuildHasher as _, Hasher as _, RandomState};
@@ -67,65 +68,56 @@ fn what_cannot_be_brought_back_is_refused_and_changes_nothing() {
     has(&refused(&domain, 74), &["imu-a.toml.previous is not a regular file"]);
     fs::remove_file(domain.path(PREVIOUS)).unwrap();
     fs::rename(domain.path(INSTALLED), domain.path(PREVIOUS)).unwrap();
-    has(&refused(&domain, 74), &["there is no imu-a.toml to exchange; rename imu-a.toml.previous to it"]);
+    has(&refused(&domain, 78), &["imu-a.toml does not say whose predecessor comes back; give --imu ID"]);
+    domain.run_ok(&["rollback", "--imu", "imu-a", INSTALLED]);
+    assert_eq!(fs::read_to_string(domain.path(INSTALLED)).unwrap(), TABLE);
 }
 
 /// What the installed table cannot say must be given: a predecessor of another IMU never comes back.
 #[test]
-fn a_broken_table_is_exchanged_with_its_whole_predecessor_through_a_link_too() {
+fn a_broken_table_is_replaced_by_its_whole_predecessor_through_a_link_too() {
     let domain = TestDomain::new();
     fs::create_dir(domain.path("tables")).unwrap();
     domain.write("tables/imu-a.toml", "broken");
     domain.write("tables/imu-a.toml.previous", TABLE);
     symlink("tables/imu-a.toml", domain.path(INSTALLED)).unwrap();
-    has(&refused(&domain, 78), &["imu-a.toml:1: ", "imu-a.toml is broken", "give --imu ID; nothing is changed"]);
+    has(&refused(&domain, 78), &["imu-a.toml:1: ", "give --imu ID; nothing is changed"]);
     has(&refused_with(&domain, 78, &["--imu", "imu-b"]), &["imu-a.toml.previous:", "imu-b", "nothing is changed"]);
     let output = domain.run(&["rollback", "--imu", "imu-a", INSTALLED]);
     let said = text(&output.stderr);
     assert!(output.status.success(), "{said}");
-    has(&said, &["imu-a.toml:1: ", "note: the broken table does not show whether the axes turn"]);
-    assert!(text(&output.stdout).contains(&format!("imu-a.toml is {} again", table(TABLE).digest())));
+    has(&said, &["imu-a.toml:1: "]);
+    assert!(text(&output.stdout).contains(&format!("{} is installed as imu-a.toml", table(TABLE).digest())));
     assert!(domain.path(INSTALLED).is_symlink());
-    let [now, kept] =
-        [INSTALLED, "tables/imu-a.toml.previous"].map(|name| fs::read_to_string(domain.path(name)).unwrap());
-    assert_eq!((now.as_str(), kept.as_str()), (TABLE, "broken"));
-    let broken = domain.run(&["rollback", INSTALLED]);
-    assert_eq!(broken.status.code(), Some(78), "it does not go back to a broken one");
+    assert_eq!(fs::read_to_string(domain.path(INSTALLED)).unwrap(), TABLE);
+    let again = domain.run(&["rollback", INSTALLED]);
+    assert_eq!(again.status.code(), Some(1), "it does not go back to a broken one");
 }
 
 #[test]
-fn what_else_a_rollback_changes_is_said() {
+fn what_a_rollback_changes_is_said() {
     let domain = TestDomain::new();
     let turned = |angle: f64| {
         format!("{}[alignment]\nmatrix = [[1.0, {angle}, 0.0], [{}, 1.0, 0.0], [0.0, 0.0, 1.0]]\n", variant(1), -angle)
     };
+    let turns = "the axes turn: boresight the vehicle again";
     for (installed, previous, wanted) in [
+        (TABLE.to_owned(), turned(1e-3), &["alignment changes by 1 mrad", turns][..]),
+        (turned(1e-3), TABLE.to_owned(), &["alignment changes by 1 mrad", turns]),
+        (turned(1e-3), turned(2e-3), &["alignment changes by 1 mrad", turns]),
         (
             TABLE.to_owned(),
-            turned(1e-3),
-            &["note: with an alignment matrix", "is without", "boresight the vehicle again"],
+            variant(1).replace("clamp", "reject"),
+            &["out_of_range: it was \"clamp\", now it is \"reject\""],
         ),
-        (
-            turned(1e-3),
-            TABLE.to_owned(),
-            &["note: without an alignment matrix", "is with:", "boresight the vehicle again"],
-        ),
-        (
-            turned(1e-3),
-            turned(2e-3),
-            &["note: the alignment matrix turns", "206.3 arcsec", "boresight the vehicle again"],
-        ),
-        (TABLE.to_owned(), variant(1).replace("clamp", "reject"), &["note: out_of_range was clamp", "is reject", ""]),
     ] {
         domain.write(INSTALLED, &installed);
         domain.write(PREVIOUS, &previous);
-        let output = domain.run(&["rollback", INSTALLED]);
-        assert!(output.status.success(), "{}", text(&output.stderr));
-        has(&text(&output.stderr), wanted);
+        has(&domain.run_ok(&["rollback", INSTALLED]), wanted);
     }
     domain.write(INSTALLED, &turned(1e-3));
     domain.write(PREVIOUS, &turned(1e-3).replace("9.8001", "9.8002"));
-    assert_eq!(text(&domain.run(&["rollback", INSTALLED]).stderr), "", "the axes do not turn");
+    assert!(!domain.run_ok(&["rollback", INSTALLED]).contains("the axes turn"));
 }
 
 #[test]
@@ -135,10 +127,8 @@ fn two_rollbacks_bring_the_first_state_back() {
     domain.write(PREVIOUS, &variant(1));
     fs::set_permissions(domain.path(INSTALLED), Permissions::from_mode(0o640)).unwrap();
     let state = || {
-        [INSTALLED, PREVIOUS].map(|name| {
-            let metadata = fs::metadata(domain.path(name)).unwrap();
-            (fs::read(domain.path(name)).unwrap(), metadata.ino(), metadata.mode(), metadata.mtime_nsec())
-        })
+        assert_eq!(fs::metadata(domain.path(INSTALLED)).unwrap().mode() & 0o777, 0o640);
+        [INSTALLED, PREVIOUS].map(|name| fs::read_to_string(domain.path(name)).unwrap())
     };
     let [one, two] = state();
     domain.run_ok(&["rollback", INSTALLED]);
@@ -165,7 +155,7 @@ fn exchanged_again_and_again_under_a_feed() {
     for table in [&two, &one, &two, &one] {
         let said = domain.run_ok(&["rollback", INSTALLED]);
         assert!(
-            said.starts_with(&format!("imu-a.toml is {} again; its successor is kept as ", table.digest())),
+            said.contains(&format!("{} is served, as imu-a.toml\nthe table before is kept", table.digest())),
             "{said}"
         );
         wait_for(table);
@@ -232,11 +222,17 @@ fn whenever_it_is_killed_a_table_is_in_force_and_the_way_back_is_there() {
     if let Some(first) = number() {
         for number in first.. {
             report(&format!("install {number}"));
-            Installation::lock(Path::new(INSTALLED)).unwrap().install(&numbered(number)).unwrap();
+            let installation = Installation::lock(Path::new(INSTALLED)).unwrap();
+            installation.complete().unwrap();
+            installation.install(&numbered(number)).unwrap();
+            installation.complete().unwrap();
+            drop(installation);
             report("done");
             if number % 3 == 0 {
                 report("roll back");
-                Installation::lock(Path::new(INSTALLED)).unwrap().roll_back().unwrap();
+                let installation = Installation::lock(Path::new(INSTALLED)).unwrap();
+                installation.install(&fs::read_to_string(installation.previous()).unwrap()).unwrap();
+                installation.complete().unwrap();
                 report("done");
             }
         }
@@ -290,7 +286,7 @@ fn whenever_it_is_killed_a_table_is_in_force_and_the_way_back_is_there() {
         number_in(&path(REPLACED));
 
         // The next process completes the step or takes it back.
-        drop(Installation::lock(&path(INSTALLED)).unwrap());
+        Installation::lock(&path(INSTALLED)).unwrap().complete().unwrap();
         let now = (number_in(&path(INSTALLED)), number_in(&path(PREVIOUS)));
         assert_eq!(now.0, in_force);
         assert!([before, state].contains(&now), "{now:?} of {before:?} {state:?}, from {found:?}");
@@ -308,15 +304,18 @@ fn compare_and_install(number: u32) {
     io::stdin().read_line(&mut String::new()).unwrap();
     let install = || {
         let installation = Installation::lock(target)?;
-        installation.check_unchanged(compared)?;
-        installation.install(&numbered(number))
+        if installation.state() != compared {
+            return Err(Failure::new(Exit::Failed, "it has changed meanwhile"));
+        }
+        installation.install(&numbered(number))?;
+        installation.complete()
     };
     let code = install().map_or_else(
         |failure| {
             report(&failure.message);
             failure.exit as i32
         },
-        |_| 0,
+        |()| 0,
     );
     #[expect(clippy::exit, reason = "the child's exit code is what it says")]
     std::process::exit(code);
@@ -365,7 +364,7 @@ fn of_several_installers_one_installs_and_the_others_see_that_the_table_has_chan
     let winner = ends.iter().position(|(code, _)| *code == 0).unwrap();
     assert_eq!(both(), [Some(winner as u32 + 1), Some(0)], "{ends:?}");
     for (code, said) in ends.iter().enumerate().filter(|(index, _)| *index != winner).map(|(_, end)| end) {
-        assert!(*code == 1 && said.contains("imu-a.toml has changed meanwhile; run it again"), "{ends:?}");
+        assert!(*code == 1 && said.contains("it has changed meanwhile"), "{ends:?}");
     }
     assert_eq!(names(&domain.path("")).len(), 2);
 
@@ -414,7 +413,8 @@ fn in_a_shared_folder_what_another_user_has_put_there_is_not_used() {
     fs::set_permissions(path(INSTALLED), Permissions::from_mode(0o640)).unwrap();
     chown(path(INSTALLED), Some(NOBODY), Some(NOBODY)).unwrap();
     let installation = Installation::lock(&path(INSTALLED)).unwrap();
-    assert!(installation.install(&numbered(1)).unwrap());
+    installation.install(&numbered(1)).unwrap();
+    installation.complete().unwrap();
     drop(installation);
     for name in [INSTALLED, PREVIOUS] {
         let metadata = fs::metadata(path(name)).unwrap();
@@ -428,8 +428,10 @@ fn in_a_shared_folder_what_another_user_has_put_there_is_not_used() {
     command.uid(NOBODY).gid(NOBODY).stdin(Stdio::null());
     let output = domain.finish(command);
     assert_eq!(output.status.code(), Some(74), "{}", text(&output.stdout));
-    has(&text(&output.stdout), &["installing imu-a.toml: ", "ermitted"]);
-    assert_eq!([INSTALLED, PREVIOUS].map(|name| number_in(&path(name))), [Some(1), Some(0)]);
-    assert_eq!(fs::metadata(path(INSTALLED)).unwrap().ino(), before);
-    assert_eq!(names(&folder).len(), 2);
+    has(
+        &text(&output.stdout),
+        &["keeping the predecessor as imu-a.toml.previous: ", "ermitted", "imu-a.toml is the new"],
+    );
+    assert_eq!([INSTALLED, PREVIOUS, REPLACED].map(|name| number_in(&path(name))), [Some(2), Some(0), Some(1)]);
+    assert_eq!(fs::metadata(path(REPLACED)).unwrap().ino(), before);
 }

@@ -28,6 +28,7 @@ mod harness;
 mod hostile;
 mod hot_loop;
 mod install;
+mod installing;
 mod kept;
 mod laboratory;
 mod lag;

@@ -2,9 +2,9 @@
 //! that docs/security.md names. The users have numbers that no name belongs to, so only root can run most of these
 //! tests. `examples/network/two-users.sh` tries the tunnel.
 
-use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, binary, skip, text, wait_until};
+use isotherm_tests::{Needs, Process, RUN, TABLE, TestDomain, binary, skip, text, variant, wait_until};
 use std::fs::{self, Permissions};
-use std::os::unix::fs::{PermissionsExt as _, chown};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, chown};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
@@ -156,4 +156,41 @@ fn a_group_of_users_is_refused_with_the_remedy() {
         assert_eq!(output.status.code(), Some(78), "{command:?}: {message}");
         assert!(message.contains("domain.group") && message.contains("docs/security.md"), "{command:?}: {message}");
     }
+}
+
+/// On an installed system the table belongs to root, and the domain to the service's user.
+#[test]
+fn root_installs_for_the_service_of_another_user_and_no_third_one_does() {
+    let Some(users) = UsersDomain::new() else { return };
+    let tables = users.0.path("tables");
+    fs::create_dir(&tables).unwrap();
+    fs::set_permissions(&tables, Permissions::from_mode(0o755)).unwrap();
+    let read = |name: &str| fs::read_to_string(tables.join(name)).unwrap();
+    fs::write(tables.join("imu-a.toml"), TABLE).unwrap();
+    let far = TABLE.replace("91733.0", "9173.0");
+    for (name, text) in [("new.toml", variant(1)), ("far.toml", far.clone())] {
+        users.0.write(name, &text);
+    }
+    let serve = &["serve", "--imu", "imu-a=tables/imu-a.toml"];
+    let service = users.0.start(users.program(OWNER, "isotherm", serve));
+    service.wait_for_log(" ready ");
+    let printed = users.run(OTHER, &["install", "new.toml", "tables/imu-a.toml"], OTHER_USER);
+    assert!(printed.contains("belongs to another user"), "{printed}");
+    assert_eq!(read("imu-a.toml"), TABLE);
+    // The service's own user may not write the table.
+    users.run(OWNER, &["install", "new.toml", "tables/imu-a.toml"], 74);
+    let printed = users.run(0, &["install", "new.toml", "--imu", "imu-a"], 0);
+    assert!(printed.contains(users.0.client_domain().root_path()) && printed.contains("is served"), "{printed}");
+    assert_eq!([read("imu-a.toml"), read("imu-a.toml.previous")], [variant(1), TABLE.to_owned()]);
+    users.run(0, &["install", "far.toml", "tables/imu-a.toml"], 78);
+    let digest = isotherm_tests::table(&far).digest().to_string();
+    users.run(0, &["install", "--accept", &digest, "far.toml", "tables/imu-a.toml"], 0);
+    assert_eq!([read("imu-a.toml"), read("imu-a.toml.previous")], [far, variant(1)]);
+    assert!(users.run(OWNER, &["status"], 0).contains(&digest));
+    // The acceptance is used up, and root has left nothing of its own in the domain.
+    let entries = || fs::read_dir(users.0.client_domain().root_path()).unwrap().map(Result::unwrap);
+    wait_until("the acceptance is used up", || {
+        !entries().any(|entry| entry.file_name().to_string_lossy().contains("accepted-"))
+    });
+    assert!(entries().all(|entry| entry.metadata().unwrap().uid() == OWNER));
 }

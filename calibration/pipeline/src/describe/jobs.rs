@@ -10,22 +10,13 @@ use isotherm_fit::LEAST_WARM_UP_SPAN;
 use isotherm_recording_formats::convert::Foreign;
 use isotherm_shared::content::FileContent;
 use isotherm_shared::names::ImuId;
+use isotherm_support::failure::{quoted, quoted_path};
 use std::path::Path;
 
 /// Fewest attitudes of a tumble: three biases and three scale factors are unknown.
 const LEAST_ATTITUDES: usize = 6;
 /// A recording at rest turns for a smaller part of the time.
 const MOST_TURNING: f64 = 0.2;
-
-/// The word as a shell takes it.
-#[must_use]
-pub fn quoted(word: &str) -> String {
-    let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./,=:+@%".contains(character);
-    match !word.is_empty() && word.chars().all(is_plain) {
-        true => word.to_owned(),
-        false => format!("'{}'", word.replace('\'', r"'\''")),
-    }
-}
 
 /// Why a job is not possible, or its command line.
 type Judgement = Result<String, String>;
@@ -69,7 +60,7 @@ impl<'a> DescribedFile<'a> {
         let id: String = stem.chars().map(|it| if it.is_ascii_alphanumeric() { it } else { '-' }).collect();
         let id = id.trim_matches('-').to_owned();
         let id = if ImuId::new(&id).is_some() { id } else { "imu-a".to_owned() };
-        let mapping = foreign.mapping.as_ref().map(|(path, _)| quoted(&path.display().to_string()));
+        let mapping = foreign.mapping.as_ref().map(|(path, _)| quoted_path(path));
         let mut given = mapping.map(|mapping| format!(" --mapping {mapping}")).unwrap_or_default();
         if let Some(instance) = foreign.settings.instance {
             given.push_str(&format!(" --instance {instance}"));
@@ -77,7 +68,7 @@ impl<'a> DescribedFile<'a> {
         if let Some(temperature) = foreign.settings.temperature {
             given.push_str(&format!(" --temperature {temperature}"));
         }
-        Self { of, name: quoted(&of.file), id, given }
+        Self { of, name: quoted_path(Path::new(&of.file)), id, given }
     }
 
     fn is_samples(&self) -> bool {

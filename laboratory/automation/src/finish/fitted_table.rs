@@ -1,9 +1,10 @@
 //! A fitted table, and its installation.
 
 use crate::in_force::InForce;
-use isotherm_files::Installation;
+use isotherm_client::Domain;
 use isotherm_fit::Calibration;
-use isotherm_support::failure::{Failure, shown, tell};
+use isotherm_install::{NewTable, TableInstaller};
+use isotherm_support::failure::{Failure, tell};
 use std::path::Path;
 
 /// A fitted table, and the one that it may replace.
@@ -19,21 +20,14 @@ impl FittedTable {
         self.calibration.table.digest().to_string()
     }
 
-    /// Installs the table as `target`, unless it is in force already.
-    pub(super) fn install(&self, target: &Path) -> Result<(), Failure> {
-        let installation = Installation::lock(target)?;
-        installation.check_unchanged(self.in_force.as_ref().map(|in_force| in_force.state))?;
-        let (digest, place) = (self.digest(), shown(target));
-        if self.in_force.as_ref().is_some_and(|in_force| in_force.table.digest().to_string() == digest) {
-            print_message(&format!("{digest} is installed as {place} already"));
-            return Ok(());
-        }
-        let has_predecessor = installation.install(&self.text)?;
-        print_message(&format!("{digest} is installed as {place}"));
-        if has_predecessor {
-            let kept = shown(installation.previous());
-            print_message(&format!("its predecessor is kept as {kept}; `isotherm rollback {place}` brings it back"));
-        }
+    /// Installs the table, which is in the file `source`, as `target`, unless it is there already.
+    pub(super) fn install(&self, source: &Path, target: &Path, domain: &Domain) -> Result<(), Failure> {
+        let table = &self.calibration.table;
+        let installer = TableInstaller::lock(domain, &table.content().imu, target)?;
+        installer.settle()?;
+        installer.check_unchanged(self.in_force.as_ref().map(|in_force| in_force.state))?;
+        let installed = installer.install(&NewTable { table, text: &self.text, source, is_accepted: false })?;
+        installed.lines().iter().for_each(|line| print_message(line));
         Ok(())
     }
 }

@@ -3,14 +3,13 @@
 use crate::course::{assert_complete, assert_done, assert_in_standby, at, kill_at, one_set_point};
 use isotherm_automation::finish::Finish;
 use isotherm_automation::journal::Journal;
-use isotherm_client::{Options, domain};
+use isotherm_client::domain;
 use isotherm_fit::{AlignmentChoice, LagChoice};
 use isotherm_laboratory_bench::{Campaign, ScriptAction, ScriptStep, Trigger, events_on_page};
 use isotherm_shared::table::CoefficientTable;
 use isotherm_simulation::worst_errors;
 use std::fs::{self, File};
 use std::sync::atomic::AtomicUsize;
-use std::time::Duration;
 
 #[test]
 fn killed_twice_it_continues_with_the_first_missing_dwell() {
@@ -94,7 +93,7 @@ pub(crate) fn fitted(campaign: &Campaign, alignment: AlignmentChoice) -> Coeffic
     let (mut journal, _) = Journal::open(&campaign.plan).unwrap();
     let finish = Finish { require: None, alignment, lag: LagChoice::default(), accept: Vec::new(), strict: false };
     // Nobody serves it: nothing is installed.
-    let nobody = Options::new(domain(Some("bench")).unwrap(), Duration::ZERO);
+    let nobody = domain(Some("bench")).unwrap();
     finish.run(&campaign.plan, &mut journal, &nobody, &AtomicUsize::default()).unwrap();
     CoefficientTable::from_toml(&campaign.file("table.toml"), None).unwrap()
 }

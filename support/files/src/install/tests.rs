@@ -1,6 +1,5 @@
 use super::*;
-use std::fs::Permissions;
-use std::os::unix::fs::{PermissionsExt as _, symlink};
+use std::os::unix::fs::symlink;
 use std::sync::mpsc;
 use tempfile::TempDir;
 
@@ -26,8 +25,10 @@ impl Folder {
         Installation::lock(&self.path("imu-a.toml")).unwrap()
     }
 
-    fn install(&self, text: &str) -> bool {
-        self.lock().install(text).unwrap()
+    fn install(&self, text: &str) {
+        let installation = self.lock();
+        installation.install(text).unwrap();
+        installation.complete().unwrap();
     }
 
     /// The table and its predecessor. Nothing else is there.
@@ -43,24 +44,18 @@ fn both(file: &str, previous: &str) -> [Option<String>; 2] {
 }
 
 #[test]
-fn the_predecessor_is_kept_and_comes_back() {
+fn the_predecessor_is_kept_unless_it_is_discarded() {
     let folder = Folder::new("one");
     fs::remove_file(folder.path("imu-a.toml")).unwrap();
-    assert!(!folder.install("one"));
-    assert!(folder.lock().roll_back().is_err());
+    folder.install("one");
     assert_eq!(folder.both(), [Some("one".to_owned()), None]);
-    assert!(folder.install("two"));
-    assert!(!folder.install("two"));
+    folder.install("two");
     assert_eq!(folder.both(), both("two", "one"));
-    folder.lock().roll_back().unwrap();
-    assert_eq!(folder.both(), both("one", "two"));
-    folder.lock().roll_back().unwrap();
-    assert_eq!(folder.both(), both("two", "one"));
-    // Where the file system cannot exchange two files.
-    folder.lock().swap().unwrap();
-    assert_eq!(folder.both(), both("one", "two"));
-    folder.lock().swap().unwrap();
-    assert_eq!(folder.both(), both("two", "one"));
+    let installation = folder.lock();
+    installation.install("three").unwrap();
+    installation.discard().unwrap();
+    drop(installation);
+    assert_eq!(folder.both(), both("three", "one"));
 }
 
 #[test]
@@ -73,14 +68,12 @@ fn the_predecessor_is_the_old_file_itself_and_a_link_stays() {
     symlink("tables/one.toml", folder.path("imu-a.toml")).unwrap();
     let state = |name: &str| fs::metadata(folder.path(name)).unwrap();
     let old = state("tables/one.toml");
-    assert!(folder.install("two"));
+    folder.install("two");
     let (new, kept) = (state("tables/one.toml"), state("tables/one.toml.previous"));
     assert_eq!((kept.ino(), kept.mode() & 0o777, new.mode() & 0o777), (old.ino(), 0o640, 0o640));
     let beside = Installation::lock(&folder.path("tables/one.toml")).unwrap().previous().to_owned();
     assert_eq!(fs::canonicalize(beside).unwrap(), folder.lock().previous());
-    folder.lock().roll_back().unwrap();
     assert!(folder.path("imu-a.toml").is_symlink());
-    assert_eq!((state("imu-a.toml").ino(), state("tables/one.toml.previous").ino()), (old.ino(), new.ino()));
     assert_eq!(fs::read_dir(folder.path("tables")).unwrap().count(), 2);
 }
 
@@ -104,14 +97,9 @@ fn what_a_kill_has_left_is_completed_or_taken_back() {
         folder.write("imu-a.toml.previous", "one");
         folder.write(".isotherm-imu-a.toml.lock", "");
         left.iter().for_each(|(name, text)| folder.write(name, text));
-        drop(folder.lock());
+        folder.lock().complete().unwrap();
         assert_eq!(&folder.both(), after, "{file} {left:?}");
     }
-    // Of a rollback without an exchange.
-    let folder = Folder::new("one");
-    folder.write(replaced, "two");
-    drop(folder.lock());
-    assert_eq!(folder.both(), both("one", "two"));
 }
 
 #[test]
@@ -135,24 +123,44 @@ fn what_is_no_regular_file_is_refused_and_nothing_is_changed() {
 }
 
 #[test]
+fn what_is_put_back_leaves_everything_as_it_was() {
+    let folder = Folder::new("one");
+    folder.install("two");
+    let state = || ["imu-a.toml", "imu-a.toml.previous"].map(|name| fs::metadata(folder.path(name)).unwrap().ino());
+    let before = state();
+    let installation = folder.lock();
+    for text in ["three", "four"] {
+        installation.install(text).unwrap();
+        assert!(installation.is_pending());
+    }
+    installation.put_back().unwrap();
+    drop(installation);
+    assert_eq!((folder.both(), state()), (both("two", "one"), before));
+    // There was no file.
+    fs::remove_file(folder.path("imu-a.toml")).unwrap();
+    let installation = folder.lock();
+    installation.install("five").unwrap();
+    installation.put_back().unwrap();
+    drop(installation);
+    assert_eq!(folder.both(), [None, Some("one".to_owned())]);
+}
+
+#[test]
 fn a_table_is_compared_and_replaced_under_one_lock() {
     let folder = Folder::new("one");
     let compared = Identity::of(&folder.path("imu-a.toml"));
     let first = folder.lock();
-    first.check_unchanged(compared).unwrap();
+    assert_eq!(first.state(), compared);
+    let busy = Installation::lock_within(Duration::ZERO, &folder.path("imu-a.toml")).err().unwrap();
+    assert_eq!(busy.exit, Exit::Temporary, "{busy}");
     let target = folder.path("imu-a.toml");
     let (sender, second) = mpsc::channel();
-    let waiting = thread::spawn(move || {
-        let installation = Installation::lock(&target).unwrap();
-        sender.send(installation.check_unchanged(compared)).unwrap();
-        drop(installation);
-    });
-    assert!(first.install("two").unwrap());
+    let waiting = thread::spawn(move || sender.send(Installation::lock(&target).unwrap().state()).unwrap());
+    first.install("two").unwrap();
+    first.complete().unwrap();
     assert!(second.try_recv().is_err(), "the first one has the lock");
     drop(first);
-    let failure = second.recv().unwrap().unwrap_err();
-    assert!(failure.exit == Exit::Failed && failure.message.contains(" has changed meanwhile; "), "{failure}");
+    assert_ne!(second.recv().unwrap(), compared);
     waiting.join().unwrap();
-    assert!(folder.lock().check_unchanged(None).is_err());
     assert_eq!(folder.both(), both("two", "one"));
 }

@@ -207,7 +207,7 @@ fn runs_at_opposite_attitudes_judge_every_channel_of_a_good_table() {
     let complete = Complete::new(ToOwned::to_owned, OPPOSITE, WHOLE);
     assert_eq!(complete.warnings(), "");
     let said = complete.calibrate(0);
-    assert!(!said.contains("not judged") && said.contains("has it in force"), "{said}");
+    assert!(!said.contains("not judged") && said.contains(" is served, as imu-a.toml"), "{said}");
     let status: Value =
         serde_json::from_str(&complete.domain.run_ok(&["campaign", "status", "plan.toml", "--json"])).unwrap();
     let outcome = &status["outcome"];
@@ -294,16 +294,17 @@ fn an_installation_that_the_service_refuses_is_reported() {
     wait_until("the table in force", in_force);
     let output = complete.domain.run(&["campaign", "run", "plan.toml", "--calibrate", "--require", "10"]);
     let said = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{said}");
-    let installed = table(&complete.read("imu-a.toml")).digest().to_string();
+    assert_eq!(output.status.code(), Some(78), "{said}");
+    let fitted = table(&complete.read("campaign/table.toml")).digest().to_string();
     for part in [
-        "the table is installed, but the service does not have it in force: A1 bias changes by ",
+        &format!("the service refuses {fitted}: A1 bias changes by "),
         // Both in one unit: a thousandth of it is a bias of this IMU.
         " ug0 at ",
-        &format!("`reload --imu imu-a --accept {installed}`"),
+        &format!("install --accept {fitted} campaign/table.toml imu-a.toml"),
+        "the table before is back",
     ] {
         assert!(said.contains(part), "no {part:?} in {said}");
     }
     assert!(in_force());
-    assert_eq!(complete.domain.imu_status()["refused_table"], installed);
+    assert_eq!((complete.read("imu-a.toml"), complete.domain.path("imu-a.toml.previous").exists()), (off, false));
 }

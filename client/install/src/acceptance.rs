@@ -45,12 +45,13 @@ impl Acceptance {
     }
 
     /// Whether it is the acceptance of the table with this digest.
-    pub(crate) fn is_of(&self, digest: &Digest) -> bool {
+    #[must_use]
+    pub fn is_of(&self, digest: &Digest) -> bool {
         self.digest.trim_ascii() == digest.to_string().as_bytes()
     }
 
     /// Removes it. It may be gone already.
-    pub(crate) fn remove(&self) {
+    pub fn remove(&self) {
         self.note.remove();
     }
 }
