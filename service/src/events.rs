@@ -4,7 +4,7 @@
 use crate::memory::KeptTables;
 use isotherm_documents::LoadError;
 use isotherm_files::Identity;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, Digest};
 use std::collections::BTreeMap;
 use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,18 +25,18 @@ pub(crate) struct FileReport {
 }
 
 /// A state of a table's file that was read.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(crate) struct JudgedFile {
     pub state: Identity,
     /// Digest of the table in it; `None` if it is no valid table.
-    pub digest: Option<String>,
+    pub digest: Option<Digest>,
 }
 
 impl FileReport {
     /// What was read; `None` if there is no file.
     pub(crate) fn judged(&self) -> Option<JudgedFile> {
         let digest = match &self.change {
-            FileChange::Loaded(table) => Some(table.digest().to_string()),
+            FileChange::Loaded(table) => Some(*table.digest()),
             FileChange::Unchanged | FileChange::Refused(_) => None,
         };
         self.state.map(|state| JudgedFile { state, digest })

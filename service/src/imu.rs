@@ -18,7 +18,7 @@ use isotherm_client::transport::stream::{self, Ipc, IpcNode};
 use isotherm_client::{Domain, ImuId, last_closing, unix_s};
 use isotherm_install::{Acceptance, TableJudgement, TableNote};
 use isotherm_shared::status::ClosedStatus;
-use isotherm_shared::table::CoefficientTable;
+use isotherm_shared::table::{CoefficientTable, Digest};
 use isotherm_shared::units::SensorKind;
 use isotherm_shared::wire::{CompensatedIncrement, Flags, RawSample};
 use isotherm_support::failure::{Exit, Failure, shown};
@@ -120,6 +120,7 @@ impl PendingImu {
             judged,
             last_error,
             noted: None,
+            is_note_missed: false,
             may_wait: waits,
             is_absent: waits,
             raw,
@@ -156,8 +157,10 @@ pub(crate) struct ImuState {
     pub refusals: u64,
     /// Its file as it was read last; `None` if there is none.
     judged: Option<JudgedFile>,
-    /// What is noted of its table for whoever installs one. An error is tried again.
-    noted: Option<Result<TableNote, ()>>,
+    /// What the note of its table says; `None` if there is none, or it could not be written.
+    noted: Option<NotedTable>,
+    /// Whether the log says that the note cannot be written.
+    is_note_missed: bool,
     /// Why the current file is not in force.
     pub last_error: Option<TableRefusal>,
     /// Whether the service was started without its table, as the command line allows.
@@ -228,6 +231,14 @@ impl TableRefusal {
         let digest = |refused: &Self| refused.table.as_ref().map(|table| *table.digest());
         self.error == other.error && digest(self) == digest(other)
     }
+}
+
+/// What a note of a table was made of.
+#[derive(Clone, Copy, PartialEq)]
+struct NotedTable {
+    served: Option<Digest>,
+    judged: Option<JudgedFile>,
+    refused_unix_s: Option<f64>,
 }
 
 /// A table that the worker may still hold.
@@ -304,22 +315,28 @@ impl ImuState {
 
     /// Notes which file is read, and what is served and refused, if that has changed.
     pub(crate) fn note_table(&mut self, domain: &Domain) {
-        let judged = self.judged.as_ref().map(|judged| TableJudgement {
-            file: judged.state.to_string(),
-            digest: judged.digest.clone(),
-            refused: self.last_error.as_ref().map(|refused| refused.error.clone()),
-        });
-        let file = std::path::absolute(&self.imu.table).unwrap_or_else(|_| self.imu.table.clone());
-        let served = self.in_force().map(|sent| sent.table.digest().to_string());
-        let note = TableNote { table_file: file.to_string_lossy().into_owned(), served, judged };
-        if self.noted.as_ref() == Some(&Ok(note.clone())) {
+        let served = self.in_force().map(|sent| *sent.table.digest());
+        let refused = self.last_error.as_ref();
+        let news = NotedTable { served, judged: self.judged, refused_unix_s: refused.map(|it| it.since_unix_s) };
+        if self.noted == Some(news) {
             return;
         }
-        let written = note.write(domain, &self.imu.id);
-        if let (Err(error), Some(Ok(_)) | None) = (&written, &self.noted) {
-            warn!(imu = %self.imu.id, "noting which table is served: {error}; `install` does not learn it");
+        let judged = self.judged.map(|judged| TableJudgement {
+            file: judged.state.to_string(),
+            digest: judged.digest.map(|digest| digest.to_string()),
+            refused: refused.map(|refused| refused.error.clone()),
+        });
+        let file = std::path::absolute(&self.imu.table).unwrap_or_else(|_| self.imu.table.clone());
+        let (table_file, served) = (file.to_string_lossy().into_owned(), served.map(|digest| digest.to_string()));
+        match (TableNote { table_file, served, judged }).write(domain, &self.imu.id) {
+            Ok(()) => (self.noted, self.is_note_missed) = (Some(news), false),
+            Err(error) => {
+                if !self.is_note_missed {
+                    warn!(imu = %self.imu.id, "noting which table is served: {error}; `install` does not learn it");
+                }
+                (self.noted, self.is_note_missed) = (None, true);
+            }
         }
-        self.noted = Some(written.map(|()| note).map_err(drop));
     }
 
     /// Notes the last session with its last sample, after the worker has ended.

@@ -33,40 +33,6 @@ pub struct NewTable<'a> {
     pub is_accepted: bool,
 }
 
-/// What has become of a table.
-#[derive(Clone, Debug)]
-pub struct InstalledTable {
-    /// Digest of the table.
-    pub digest: String,
-    /// The file that it is installed as.
-    pub target: PathBuf,
-    /// Whether it was there already.
-    pub was_there: bool,
-    /// Where its predecessor is kept; `None` if it has replaced none that was good.
-    pub previous: Option<PathBuf>,
-    /// The command that brings the predecessor back.
-    pub way_back: String,
-    /// Why the service does not serve it: no service runs, or it reads another file. `None` if it does.
-    pub not_served: Option<String>,
-}
-
-impl InstalledTable {
-    /// What has become of it, in lines for the operator.
-    #[must_use]
-    pub fn lines(&self) -> Vec<String> {
-        let Self { digest, target, was_there, previous, way_back, not_served } = self;
-        let (place, already) = (shown(target), if *was_there { " already" } else { "" });
-        let mut lines = vec![match not_served {
-            None => format!("{digest} is served{already}, as {place}"),
-            Some(why) => format!("{digest} is installed{already} as {place}, and not served: {why}"),
-        }];
-        if let Some(previous) = previous {
-            lines.push(format!("the table before is kept as {}; `{way_back}` brings it back", shown(previous)));
-        }
-        lines
-    }
-}
-
 /// What is known of how the service judges the file.
 enum Judgement {
     Served,
@@ -138,13 +104,14 @@ impl<'a> TableInstaller<'a> {
     }
 
     /// Installs the table, and waits until the service serves or refuses it, 10 s at most. The old table becomes the
-    /// predecessor when the new one is served, or when no service reads it.
+    /// predecessor when the new one is served, or when no service reads it. Returns what has become of both, in lines
+    /// for the operator.
     ///
     /// # Errors
     /// [`Exit::Config`] if the service refuses the table: the old one is then back. [`Exit::Temporary`] if the service
     /// has not judged it in that time: it stays, and another call goes on waiting. [`Exit::Io`] if it cannot be
     /// written, or its predecessor cannot be kept.
-    pub fn install(self, new: &NewTable<'_>) -> Result<InstalledTable, Failure> {
+    pub fn install(self, new: &NewTable<'_>) -> Result<Vec<String>, Failure> {
         let digest = new.table.digest().to_string();
         let present = self.present().ok().flatten();
         let before = self.installation.state();
@@ -194,10 +161,19 @@ impl<'a> TableInstaller<'a> {
                 return Err(Failure::new(Exit::Temporary, message));
             }
         };
-        let previous = (is_kept && self.installation.is_pending()).then(|| self.installation.previous().to_owned());
+        let has_predecessor = is_kept && self.installation.is_pending();
         if is_kept { self.installation.complete() } else { self.installation.discard() }?;
-        let way_back = format!("isotherm{} rollback {}", self.domain_option(), quoted_path(self.target));
-        Ok(InstalledTable { digest, target: self.target.to_owned(), was_there, previous, way_back, not_served })
+        let (place, already) = (shown(self.target), if was_there { " already" } else { "" });
+        let mut lines = vec![match not_served {
+            None => format!("{digest} is served{already}, as {place}"),
+            Some(why) => format!("{digest} is installed{already} as {place}, and not served: {why}"),
+        }];
+        if has_predecessor {
+            let (previous, option) = (shown(self.installation.previous()), self.domain_option());
+            let way_back = format!("isotherm{option} rollback {}", quoted_path(self.target));
+            lines.push(format!("the table before is kept as {previous}; `{way_back}` brings it back"));
+        }
+        Ok(lines)
     }
 
     /// The table that a rollback installs, with its text and its file: the predecessor, which is the table that was

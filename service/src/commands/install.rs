@@ -87,7 +87,6 @@ impl Install {
         };
         print(&(changes + "\n"))?;
         let new = NewTable { table: &loaded, text: &text, source: &new, is_accepted: accept.is_some() };
-        let installed = installer.install(&new)?;
-        print(&(installed.lines().join("\n") + "\n"))
+        print(&(installer.install(&new)?.join("\n") + "\n"))
     }
 }

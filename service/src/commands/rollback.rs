@@ -60,8 +60,7 @@ impl Rollback {
         };
         print(&(changes.join("\n") + "\n"))?;
         let source = kept.to_owned();
-        let installed =
-            installer.install(&NewTable { table: &back, text: &text, source: &source, is_accepted: false })?;
-        print(&(installed.lines().join("\n") + "\n"))
+        let new = NewTable { table: &back, text: &text, source: &source, is_accepted: false };
+        print(&(installer.install(&new)?.join("\n") + "\n"))
     }
 }

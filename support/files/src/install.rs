@@ -177,7 +177,7 @@ impl Installation {
     /// # Errors
     /// The operating system's.
     pub fn discard(&self) -> Result<(), Failure> {
-        remove(&self.replaced).map_err(|error| self.failed("removing what was replaced by", &error))
+        remove(&self.replaced).map_err(|error| Failure::io("removing", &self.replaced, &error))
     }
 
     /// Removes what a step has left that did not succeed.

@@ -169,14 +169,16 @@ fn a_rollback_that_is_not_judged_is_repeated_or_taken_back() {
         wait_until("the first table", || domain.imu_status()["table"] == digest(TABLE));
         domain.write(PREVIOUS, &previous);
         service.stop();
-        ended(&domain.run(&["rollback", INSTALLED]), 75);
-        assert_eq!(state(&domain), (previous.clone(), Some(previous.clone()), 3));
+        let rollback = domain.spawn(&["rollback", INSTALLED]);
+        wait_until("the predecessor", || fs::read_to_string(domain.path(INSTALLED)).unwrap() == previous);
+        rollback.kill();
         service.resume();
         ended(&domain.run(&["rollback", INSTALLED]), if previous == far() { 78 } else { 0 });
         assert_eq!(state(&domain), wanted);
     }
     service.stop();
     ended(&domain.run(&["rollback", INSTALLED]), 75);
+    assert_eq!(state(&domain), (far(), Some(far()), 3));
     service.resume();
     domain.write("new.toml", &variant(2));
     install(&domain, 0, &["new.toml", INSTALLED]);
@@ -256,7 +258,7 @@ fn printed_commands_work_whatever_the_file_is_called() {
     assert!(!domain.path("made").exists());
 }
 
-/// A note that somebody has changed names no file that is not a table.
+/// The note of the service was changed by hand, so that it names another file.
 #[test]
 fn a_file_that_is_no_table_is_not_replaced_by_the_name_of_an_imu() {
     let domain = TestDomain::new();

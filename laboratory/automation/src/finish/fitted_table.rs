@@ -27,7 +27,7 @@ impl FittedTable {
         installer.settle()?;
         installer.check_unchanged(self.in_force.as_ref().map(|in_force| in_force.state))?;
         let installed = installer.install(&NewTable { table, text: &self.text, source, is_accepted: false })?;
-        installed.lines().iter().for_each(|line| print_message(line));
+        installed.iter().for_each(|line| print_message(line));
         Ok(())
     }
 }
