@@ -50,6 +50,8 @@ pub struct TableInstaller<'a> {
     imu: &'a ImuId,
     target: &'a Path,
     installation: Installation,
+    /// Whether a service lived at the beginning: one that ends meanwhile is being restarted.
+    had_service: bool,
 }
 
 impl<'a> TableInstaller<'a> {
@@ -60,7 +62,8 @@ impl<'a> TableInstaller<'a> {
     /// another process keeps the right, and [`Exit::Io`] if no file can be written there.
     pub fn lock(domain: &'a Domain, imu: &'a ImuId, target: &'a Path) -> Result<Self, Failure> {
         domain_owner(domain)?;
-        Ok(Self { domain, imu, target, installation: Installation::lock(target)? })
+        let installation = Installation::lock(target)?;
+        Ok(Self { domain, imu, target, installation, had_service: is_served(domain)? })
     }
 
     /// Completes an installation that was interrupted, or takes it back if the service of the domain has refused its
@@ -248,7 +251,7 @@ impl<'a> TableInstaller<'a> {
     /// Waits until the service has judged the file as it is now, also if it is restarted meanwhile. It takes a table
     /// that it has refused if the operator accepts that.
     fn wait(&self, digest: &str, is_accepted: bool) -> Result<Judgement, Failure> {
-        let (begun, had_service) = (Instant::now(), is_served(self.domain)?);
+        let begun = Instant::now();
         let Some(state) = self.installation.state() else { return Err(self.changed(digest)) };
         loop {
             let judgement = self.look(&state)?;
@@ -258,7 +261,7 @@ impl<'a> TableInstaller<'a> {
             let is_open = match judgement {
                 Judgement::Open => true,
                 Judgement::Refused(_, can_be_accepted) => is_accepted && can_be_accepted,
-                Judgement::NotServed(_) => had_service,
+                Judgement::NotServed(_) => self.had_service,
                 Judgement::Served => false,
             };
             if !is_open {
