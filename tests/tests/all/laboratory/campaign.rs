@@ -219,6 +219,8 @@ fn installed_and_rolled_back_under_a_feed(laboratory: &TestLaboratory, good: &Co
     let previous = || table(&fs::read_to_string(domain.path("imu-a.toml.previous")).unwrap());
     assert_eq!(previous(), old);
     let rollback = || domain.run_ok(&["rollback", "imu-a.toml"]);
+    // The errors that the fitted table states may be so small that the service refuses the old one.
+    domain.accept("imu-a", &old.to_toml());
     assert_has(&rollback(), &[&format!("{} is served, as imu-a.toml", old.digest())]);
     wait_for(&old);
     assert_eq!(&previous(), good);
